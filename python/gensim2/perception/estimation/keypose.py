@@ -54,11 +54,12 @@ class PerceivingKeyposeController(KeyposeController):
     """
 
     @staticmethod
-    def depends_on(checkpoint: str, sees: Sees = "all", estimator: str = BUILTIN, **_: object) -> list[Path]:
+    def depends_on(checkpoint: str, sees: Sees = "all", **more: object) -> list[Path]:
         """Return the files that determine the controller's behaviour. The files with weights are not listed, because
         the returned files contain their SHA-256.
         """
-        return [*KeyposeController.depends_on(checkpoint, sees), estimator_folder(estimator) / ESTIMATOR_JSON]
+        estimator = estimator_folder(str(more.get("estimator", BUILTIN)))
+        return [*KeyposeController.depends_on(checkpoint, sees), estimator / ESTIMATOR_JSON]
 
     def __init__(self, checkpoint: str, estimator: str = BUILTIN, **policy: Any) -> None:
         super().__init__(checkpoint, **policy)

@@ -12,8 +12,10 @@ from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.policy.checkpoint import checkpoint_folder
+from gensim2.policy.evaluating import KEYPOSE
 from gensim2.policy.keypose.controller import KeyposeController
 from gensim2.policy.latency import Stopwatch
+from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.sim import HeadlessEnv
 from gensim2.tasks.library import load_task, task_names
 
@@ -42,15 +44,16 @@ def measure_looks(
         A dictionary with the measured times under ``rows``, the arguments ``looks`` and ``threads``, and the machine's
         load average at the start under ``load``. A row contains the percentiles ``p50`` and ``p95`` of the wall time
         and the median CPU time ``cpu``, all in ms, for each stage. In the stage ``observation`` the cameras are
-        simulated and the point cloud is computed; in the stage ``decision`` the network predicts and the motion is
-        planned.
+        simulated and the point cloud is computed; in the stage ``decision`` the network predicts, the goal is judged
+        and the motion is planned.
 
     Raises:
         InputError: the checkpoint is not a keypose policy, or was trained on no task of the library.
     """
     load = os.getloadavg()[0]
     folder = checkpoint_folder(checkpoint).resolve()
-    controller = KeyposeController(str(folder))
+    controller = ControllerSpec(KEYPOSE, {"checkpoint": str(folder)}).make()
+    assert isinstance(controller, KeyposeController)
     tasks = [task for name in task_names() if (task := load_task(name)).description in controller.sentences]
     if not tasks:
         raise InputError(
