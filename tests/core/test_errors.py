@@ -107,3 +107,15 @@ def test_a_long_stage_in_a_file_prints_its_remaining_time(monkeypatch: pytest.Mo
         "observations: 4/10, about 0:00:24 left",
         "observations: 10/10 in 56.0 s",
     ]
+
+
+def test_the_remaining_time_follows_a_new_total(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, stream = [0.0], StringIO()
+    monkeypatch.setattr("gensim2.core.progress.time.monotonic", lambda: now[0])
+    with ConsoleProgress(stream) as progress:
+        progress.start("scenes", 2000)
+        for seconds in (20.0, 20.0):
+            now[0] += seconds
+            progress.resize(150)
+            progress.advance(50)
+    assert stream.getvalue().splitlines() == ["scenes: 100/150, about 0:00:20 left", "scenes: 100/150 in 40.0 s"]

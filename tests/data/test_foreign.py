@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 import pytest
 import zarr
+from messages import Messages
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.files import new_folder
@@ -169,24 +170,10 @@ def test_exports_with_the_former_names_still_load(dataset: DataSet) -> None:
     old = next(zarr_frames(out)).columns
     assert old.keys() == new.keys()
     assert all(np.array_equal(old[name], new[name]) for name in new)
-    told = Told()
+    told = Messages()
     assert import_(out, out.parent / "back", "zarr", progress=told) > 0
     assert any("read as image_left" in text for text in told.messages)
     assert any("older gensim2" in text for text in told.messages)
-
-
-class Told:
-    def __init__(self) -> None:
-        self.messages: list[str] = []
-
-    def start(self, description: str, total: int | None = None) -> None:
-        pass
-
-    def advance(self, steps: int = 1) -> None:
-        pass
-
-    def message(self, text: str) -> None:
-        self.messages.append(text)
 
 
 # --- links, special files, sizes

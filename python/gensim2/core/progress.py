@@ -40,6 +40,9 @@ class Progress(Protocol):
     def advance(self, steps: int = 1) -> None:
         """Report that ``steps`` more steps of the current stage are done."""
 
+    def resize(self, total: int) -> None:
+        """Change the number of steps of the current stage, for example because a time limit will end it earlier."""
+
     def message(self, text: str) -> None:
         """Show a line that stays visible."""
 
@@ -51,6 +54,9 @@ class NullProgress:
         """Do nothing."""
 
     def advance(self, steps: int = 1) -> None:
+        """Do nothing."""
+
+    def resize(self, total: int) -> None:
         """Do nothing."""
 
     def message(self, text: str) -> None:
@@ -76,6 +82,9 @@ class NamedProgress:
 
     def advance(self, steps: int = 1) -> None:
         self._progress.advance(steps)
+
+    def resize(self, total: int) -> None:
+        self._progress.resize(total)
 
     def message(self, text: str) -> None:
         self._progress.message(text)
@@ -167,6 +176,11 @@ class ConsoleProgress:
             self._bars.advance(self._stage, steps)
         elif self._description is not None and steps:
             self._show_line(time.monotonic())
+
+    def resize(self, total: int) -> None:
+        self._total = total
+        if self._bars is not None and self._stage is not None:
+            self._bars.update(self._stage, total=total)
 
     def message(self, text: str) -> None:
         """Print a line above the bars."""

@@ -13,6 +13,7 @@ import pytest
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
 from gensim2.core.processes import WorkerPool
+from gensim2.core.progress import NullProgress
 from gensim2.perception import ObservationSpec
 from gensim2.planning import Scene, StepPlanner
 from gensim2.policy.keypose import data, examples
@@ -147,6 +148,45 @@ def test_steps_that_are_done_at_the_start_are_none_that_physics_is_asked_about()
     steps = [int(each["step"]) for each in draw(lemon.scene, lemon.strategies, SPEC, seed).examples]
     assert steps[0] == 1, "the drawer is not open at the start: this tests nothing"
     assert drawn.failed is None or drawn.failed.startswith("refuted: ")
+
+
+class Stages(NullProgress):
+    """Progress listener that keeps the number of finished steps and the total after each change."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self.seen: list[tuple[int, int | None]] = []
+
+    def start(self, description: str, total: int | None = None) -> None:
+        self.done, self.total = 0, total
+
+    def advance(self, steps: int = 1) -> None:
+        self.done += steps
+        self.seen.append((self.done, self.total))
+
+    def resize(self, total: int) -> None:
+        self.total = total
+        self.seen.append((self.done, self.total))
+
+
+def test_progress_counts_scenes_and_follows_the_limit_of_the_time(
+    given: TaskInput, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each shard takes 10 s of CPU time, so a limit of 25 s ends the planning after three of 20 shards."""
+    monkeypatch.setattr(data, "SHARD", 2)
+    real = data.make_shard
+
+    def slow(*arguments: Any) -> float:
+        real(*arguments)
+        return 10.0
+
+    monkeypatch.setattr(data, "make_shard", slow)
+    stages = Stages()
+    with WorkerPool(0) as pool:
+        planned = plan_scenes(given, SPEC, tmp_path, pool, seed=0, scenes=40, cpu_limit=25.0, progress=stages)
+    assert planned.scenes == 6
+    assert stages.seen[0] == (0, 40)
+    assert stages.seen[1:] == [(0, 6), (2, 6), (2, 6), (4, 6), (4, 6), (6, 6), (6, 6)]
 
 
 def test_a_folder_goes_on_and_refuses_what_is_not_its_own(

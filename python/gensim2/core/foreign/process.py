@@ -132,6 +132,9 @@ class _Told:
     def advance(self, steps: int = 1) -> None:
         self._send("advance", steps)
 
+    def resize(self, total: int) -> None:
+        self._send("resize", total)
+
     def message(self, text: str) -> None:
         self._send("message", text)
 

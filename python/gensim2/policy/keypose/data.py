@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Mapping
@@ -170,8 +171,9 @@ def plan_scenes(
     seeds = scene_seeds(seed, given.spec.name, PURPOSE, shards * SHARD)
     missing = [number for number in range(shards) if not _shard(folder, number).exists()]
     spent = sum(_cpu_of(_shard(folder, number)) for number in range(shards) if number not in missing)
-    progress.start(f"{given.spec.name}: scenes", shards)
-    progress.advance(shards - len(missing))
+    done = shards - len(missing)
+    progress.start(f"{given.spec.name}: scenes", shards * SHARD)
+    progress.advance(done * SHARD)
     jobs = (
         Job(
             number,
@@ -196,8 +198,13 @@ def plan_scenes(
             yield job
 
     for _, cpu_s in results(executor.map_unordered(make_shard, while_there_is_time()), "planned scenes", None):
-        spent += cpu_s
-        progress.advance()
+        spent, done = spent + cpu_s, done + 1
+        if cpu_limit is not None:
+            # Shards that are running when the limit is reached are finished, so the estimate may be exceeded.
+            within = math.ceil(cpu_limit * done / max(spent, 1e-9))
+            progress.resize(SHARD * min(shards, max(done, within)))
+        progress.advance(SHARD)
+    progress.resize(SHARD * done)
     return read_planned(folder)
 
 
