@@ -165,3 +165,31 @@ fn what_lies_in_the_middle_of_another_is_surely_too_near() {
     });
     assert_eq!(sure, [true, true]);
 }
+
+#[test]
+fn values_of_single_joints_place_the_robot_like_whole_configurations() {
+    let robot = arm(&[[0.1, 0.1, 0.1], [-0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, -0.1, 0.1], [0.1, 0.1, -0.1]]);
+    let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), []);
+    let corners = |batch: &mut Batch| {
+        screen.place(batch);
+        let mut out = Vec::new();
+        screen.corners(batch, |_, _, place| out.push(place));
+        out
+    };
+    let (mut whole, mut single) = (Batch::default(), Batch::default());
+    (0..LANES).for_each(|lane| single.set(&screen, lane, &[0.3, 0.2, 0.1]));
+    for k in 0..50 {
+        let value = |lane: usize, joint: usize| {
+            let share = (f64::from(k) * 0.618 + lane as f64 * 0.414 + joint as f64 * 0.732).fract();
+            [-3.0 + 6.0 * share, -30.0 + 60.0 * share, -0.2 + 0.4 * share][joint]
+        };
+        for lane in 0..LANES {
+            whole.set(&screen, lane, &[value(lane, 0), value(lane, 1), value(lane, 2)]);
+        }
+        for joint in 0..3 {
+            single.set_joint(&screen, joint, std::array::from_fn(|lane| value(lane, joint)));
+        }
+        assert_eq!(corners(&mut whole), corners(&mut single));
+    }
+}

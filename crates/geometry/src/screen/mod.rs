@@ -6,13 +6,14 @@ mod exact;
 mod links;
 mod points;
 mod posing;
+mod reach;
 mod solid;
 mod survey;
 
 use std::sync::Arc;
 
 use crate::lanes::F32x8;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::{Bvh, Convex, JointKind, Pose, Robot};
 use cover::{Ball, cover};
@@ -22,13 +23,18 @@ pub use links::Cover;
 use links::around;
 use points::PointGrid;
 pub use posing::{Frames, Posing};
+use reach::Region;
 pub use solid::Points;
-use solid::Solid;
+use solid::{ROUNDING, Solid};
+use survey::all_at_least;
 
 /// Number of configurations screened at once.
 pub const LANES: usize = crate::lanes::WIDTH;
 /// Minimum number of obstacles for which a tree is used to find those near the robot.
 const TREE: usize = 20;
+/// If a group stays further than this (m) from an obstacle at all joint values, the obstacle is skipped for this group,
+/// unless a larger distance is required.
+const CULL: f64 = 0.2;
 /// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
 /// Cloud points more than this distance (m) beyond the robot's reach get a separate grid, so that stray points neither
@@ -117,6 +123,11 @@ pub struct Screen {
     looseness: Vec<f32>,
     body_of: Vec<usize>,
     tree: Option<Bvh>,
+    /// For each group, the obstacles that it can approach to [`CULL`] or less while no prismatic joint exceeds its
+    /// travel.
+    reachable: Vec<Vec<u32>>,
+    /// Prismatic joints, each with the maximum absolute value (m) for which `reachable` holds.
+    travels: Vec<(usize, f32)>,
     clouds: Vec<PointGrid>,
     bodies: usize,
     pairs: Vec<(usize, usize)>,
@@ -131,6 +142,8 @@ pub struct Batch {
     around: Vec<Points>,
     centers: Vec<Points>,
     ready: Vec<bool>,
+    /// Whether no prismatic joint exceeds its travel.
+    within_travel: bool,
     near: Vec<u32>,
     open: Vec<bool>,
     bounds: Vec<F32x8>,
@@ -141,14 +154,14 @@ impl Batch {
     pub fn set(&mut self, screen: &Screen, lane: usize, q: &[f64]) {
         self.q.resize(q.len(), F32x8::ZERO);
         for (k, (value, lanes)) in q.iter().zip(&mut self.q).enumerate() {
-            // Whole turns are subtracted, since small angles have a higher precision.
-            let turned = match screen.revolute.get(k) {
-                Some(true) if value.abs() > 4.0 => {
-                    value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()
-                }
-                _ => *value,
-            };
-            lanes.set(lane, turned as f32);
+            lanes.set(lane, screen.turned(k, *value));
+        }
+    }
+
+    /// Sets the value of one joint (rad or m) in every lane. All lanes must have been [set](Self::set) before.
+    pub fn set_joint(&mut self, screen: &Screen, joint: usize, values: [f64; LANES]) {
+        if let Some(lanes) = self.q.get_mut(joint) {
+            *lanes = F32x8::new(values.map(|value| screen.turned(joint, value)));
         }
     }
 }
@@ -211,6 +224,13 @@ impl Screen {
             looseness: Vec::new(),
             body_of: Vec::new(),
             tree: None,
+            reachable: Vec::new(),
+            travels: joints
+                .iter()
+                .enumerate()
+                .filter(|(_, joint)| joint.kind() == JointKind::Prismatic)
+                .map(|(j, _)| (j, travel(j) as f32))
+                .collect(),
             clouds: Vec::new(),
             bodies: 0,
             pairs,
@@ -245,8 +265,29 @@ impl Screen {
                 }
             }
         }
+        // Joint values are compared with `travels` in single precision, so the regions allow for rounding.
+        let regions = Region::of_links(robot, |j| travel(j) * (1.0 + ROUNDING) + SLACK);
+        let near = |cluster: &Cluster| {
+            let region = regions[cluster.link].at(&Vector3::from(cluster.around.center.map(f64::from)));
+            let (center, radius) = region.ball();
+            let place = [center.x, center.y, center.z].map(|v| F32x8::splat(v as f32));
+            let far = (radius + f64::from(cluster.around.radius) + CULL + slack) as f32;
+            let is_near = |solid: &Solid| !all_at_least(solid.distance(&place), F32x8::splat(far));
+            (0..).zip(&out.solids).filter(|(_, solid)| is_near(solid)).map(|(e, _)| e).collect()
+        };
+        out.reachable = out.groups.iter().map(near).collect();
         out.tree = (out.solids.len() >= TREE).then(|| Bvh::new(&boxes));
         out
+    }
+
+    /// Returns a joint value in single precision. Whole turns are subtracted, since small angles have a higher precision.
+    fn turned(&self, joint: usize, value: f64) -> f32 {
+        match self.revolute.get(joint) {
+            Some(true) if value.abs() > 4.0 => {
+                (value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()) as f32
+            }
+            _ => value as f32,
+        }
     }
 
     /// Number of groups.

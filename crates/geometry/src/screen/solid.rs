@@ -11,7 +11,7 @@ const MAX_FACES: usize = 28;
 /// Faces are merged if the cosine between their normals exceeds this.
 const SAME_FACE: f64 = 0.985;
 /// Relative rounding error of sums of a few terms in single precision.
-const ROUNDING: f64 = 1e-6;
+pub(super) const ROUNDING: f64 = 1e-6;
 
 /// Coordinates x, y and z of eight points.
 pub type Points = [F32x8; 3];

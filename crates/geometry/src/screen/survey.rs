@@ -5,7 +5,7 @@ use nalgebra::Point3;
 
 use super::points::PointGrid;
 use super::solid::{Points, length};
-use super::{Batch, LANES, Needs, Other, Screen, Sphere, Suspect};
+use super::{Batch, CULL, LANES, Needs, Other, Screen, Sphere, Suspect, TREE};
 use crate::{Aabb, Robot};
 
 /// If a sphere may be closer than this (m) to a point cloud, its points are tested one by one.
@@ -31,6 +31,11 @@ impl Screen {
         batch.around.clear();
         batch.around.extend(self.groups.iter().map(|g| batch.frames[g.link].point(&g.around.center)));
         batch.centers.resize(self.balls.len(), [F32x8::ZERO; 3]);
+        // A NaN must not count as within the travel.
+        batch.within_travel = true;
+        for (joint, most) in &self.travels {
+            batch.within_travel &= all_at_least(F32x8::splat(*most) - batch.q[*joint].abs(), F32x8::ZERO);
+        }
         batch.ready.clear();
         batch.ready.resize(self.groups.len(), false);
     }
@@ -85,7 +90,7 @@ impl Screen {
 
     #[inline(always)]
     fn surveyed(&self, batch: &mut Batch, needs: &Needs, reach: f32, visit: &mut dyn FnMut(&Suspect) -> bool) -> bool {
-        for group in 0..self.groups.len() {
+        for group in (0..self.groups.len()).rev() {
             let cluster = &self.groups[group];
             if cluster.balls.is_empty() {
                 continue;
@@ -95,16 +100,23 @@ impl Screen {
             if furthest == f64::NEG_INFINITY {
                 continue;
             }
+            let farthest = furthest + f64::from(reach);
+            let own = (batch.within_travel && farthest <= CULL).then_some(self.reachable[group].as_slice());
+            let tree = self.tree.as_ref().filter(|_| own.is_none_or(|own| own.len() >= TREE));
             let mut near = std::mem::take(&mut batch.near);
-            if let Some(tree) = &self.tree {
+            if let Some(tree) = tree {
                 let bounds = region(&batch.around[group], cluster.around.radius);
                 near.clear();
-                tree.near(&bounds, (furthest + f64::from(reach)).max(0.0), |e| near.push(e as u32));
+                tree.near(&bounds, farthest.max(0.0), |e| near.push(e as u32));
             }
-            let count = if self.tree.is_some() { near.len() } else { self.solids.len() };
+            let count = if tree.is_some() { near.len() } else { own.map_or(self.solids.len(), <[u32]>::len) };
             let mut whole = true;
             for k in 0..count {
-                let e = if self.tree.is_some() { near[k] as usize } else { k };
+                let e = match (tree, own) {
+                    (Some(_), _) => near[k] as usize,
+                    (None, Some(own)) => own[k] as usize,
+                    (None, None) => k,
+                };
                 whole = self.against_solid(group, e, row[self.body_of[e]], batch, reach, visit);
                 if !whole {
                     break;

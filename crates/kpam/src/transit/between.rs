@@ -42,7 +42,7 @@ impl Sweep<'_> {
     /// Returns whether the gaps of a pair at both configurations exclude a collision while moving between them.
     pub fn covers(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &Travel) -> bool {
         if place >= groups {
-            return self.used(a, b, place, groups, &travel.gone);
+            return self.used(a, b, place, &travel.gone);
         }
         let (one, two) = (a.gaps[place], b.gaps[place]);
         if !(one > 0.0 && two > 0.0) {
@@ -89,57 +89,47 @@ impl Sweep<'_> {
         Some(bend)
     }
 
-    /// Visits the joints that move one group of a pair relative to the other, each with its largest lever arm in both
-    /// configurations.
-    fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
-        if place < groups {
-            self.world.carriers[place].iter().for_each(|(j, _)| visit(*j, place, place));
-            return;
-        }
-        let (one, two) = self.screen().pairs()[place - groups];
-        let carries = |g: usize, joint: usize| self.world.carriers[g].iter().any(|(j, _)| *j == joint);
-        for (g, other) in [(one, two), (two, one)] {
-            for (j, _) in self.world.carriers[g].iter().filter(|(j, _)| !carries(other, *j)) {
-                visit(*j, g, g);
-            }
-        }
-    }
-
     /// Returns whether the gaps of a pair at both configurations exclude a collision while moving between them. A point
     /// at distance r from a joint's axis moves at most r + d per radian while it stays within d of its position.
-    fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+    fn used(&self, a: &Look, b: &Look, place: usize, travel: &[f32]) -> bool {
         let (one, two) = (a.gaps[place], b.gaps[place]);
         if !(one > 0.0 && two > 0.0) {
             return false;
         }
         let joints = a.q.len();
         let mut shares = 0.0;
-        self.moved(place, groups, |joint, group, _| {
+        for (joint, group) in &self.movers[place] {
             let at = group * joints + joint;
-            shares += travel[joint] * ((a.levers[at] + one) / one).max((b.levers[at] + two) / two);
-        });
+            shares += travel[*joint] * ((a.levers[at] + one) / one).max((b.levers[at] + two) / two);
+        }
         shares <= 1.999
     }
 
     /// Returns whether two collision-free configurations are so close that rounding exceeds the movement between them.
-    pub fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+    pub fn is_still(&self, a: &Look, b: &Look, place: usize, travel: &[f32]) -> bool {
         if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
             return false;
         }
         let joints = a.q.len();
         let mut way = 0.0;
-        self.moved(place, groups, |joint, group, _| {
+        for (joint, group) in &self.movers[place] {
             let at = group * joints + joint;
-            way += travel[joint] * (a.levers[at].max(b.levers[at]) + 0.01);
-        });
+            way += travel[*joint] * (a.levers[at].max(b.levers[at]) + 0.01);
+        }
         f64::from(way) <= 0.5 * TOUCH
     }
 }
 
 /// Returns the maximum distance between corresponding corners of two boxes.
-fn furthest(a: &[[f32; 3]; 8], b: &[[f32; 3]; 8]) -> f32 {
-    let squared = |p: &[f32; 3], q: &[f32; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f32>();
-    a.iter().zip(b).map(|(p, q)| squared(p, q)).fold(0.0, f32::max).sqrt()
+fn furthest(a: &[[f32; 8]; 3], b: &[[f32; 8]; 3]) -> f32 {
+    let mut most = [0.0_f32; 8];
+    for k in 0..3 {
+        for corner in 0..8 {
+            let way = a[k][corner] - b[k][corner];
+            most[corner] += way * way;
+        }
+    }
+    most.into_iter().fold(0.0, f32::max).sqrt()
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::{Cancel, Scene};
 pub(super) const RESOLUTION: f64 = 0.05;
 
 /// Factor by which the edges of a final path are checked more densely than those of the search.
-const FINER: f64 = 4.0;
+const FINER: f64 = 2.0;
 
 /// Number of most recently hit obstacles that are checked before all others.
 const LATEST: usize = 6;
@@ -68,6 +68,8 @@ pub(super) struct Field<'s> {
 impl<'s> Field<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
         let world = scene.compiled();
+        let mut batch = Batch::default();
+        (0..LANES).for_each(|lane| batch.set(&world.screen, lane, model.map().rest()));
         Self {
             scene,
             world,
@@ -78,7 +80,7 @@ impl<'s> Field<'s> {
             along: None,
             checks: 0,
             ending,
-            batch: Batch::default(),
+            batch,
             suspects: Vec::new(),
             latest: Vec::new(),
             poses: Vec::new(),
@@ -111,10 +113,10 @@ impl<'s> Field<'s> {
             return Some(off);
         }
         let world = self.world;
-        for lane in 0..LANES {
+        for d in self.model.map().driven() {
             // Lanes without a configuration repeat the first one.
-            self.model.map().positions(&self.rows[if lane < count { lane } else { 0 }], &mut self.q);
-            self.batch.set(&world.screen, lane, &self.q);
+            let value = |lane: usize| d.factor * self.rows[if lane < count { lane } else { 0 }][d.variable] + d.offset;
+            self.batch.set_joint(&world.screen, d.joint, std::array::from_fn(value));
         }
         world.screen.place(&mut self.batch);
         self.suspects.clear();

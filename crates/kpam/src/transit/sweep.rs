@@ -34,8 +34,8 @@ pub(super) struct Look {
     sure: bool,
     /// Maximum distance of each group's points from each joint's axis (m), one row for each group.
     pub levers: Vec<f32>,
-    /// Corners of a box around each group (m, base frame).
-    pub corners: Vec<[[f32; 3]; 8]>,
+    /// Corners of a box around each group (m, base frame): coordinates x, y and z of all eight corners.
+    pub corners: Vec<[[f32; LANES]; 3]>,
 }
 
 /// Proof that one motion is collision-free.
@@ -51,6 +51,8 @@ pub(super) struct Sweep<'s> {
     over: &'s Cancel,
     /// Whether each joint is a sliding joint.
     pub slides: Vec<bool>,
+    /// For each gap, the joints that move one of its two bodies relative to the other, each with the group that it moves.
+    pub movers: Vec<Vec<(usize, usize)>>,
     batch: Batch,
     poses: Vec<Pose>,
 }
@@ -68,6 +70,7 @@ impl<'s> Sweep<'s> {
             checks: 0,
             over,
             slides,
+            movers: movers(world),
             batch: Batch::default(),
             poses: Vec::new(),
         }
@@ -160,7 +163,7 @@ impl<'s> Sweep<'s> {
                     lane,
                     sure: false,
                     levers: vec![0.0; groups * joints],
-                    corners: vec![[[0.0; 3]; 8]; groups],
+                    corners: vec![[[0.0; LANES]; 3]; groups],
                 });
             }
             for lane in chunk.len()..LANES {
@@ -185,9 +188,9 @@ impl<'s> Sweep<'s> {
                     look.levers[group * joints + joint] = lever[look.lane];
                 }
             });
-            screen.corners(&self.batch, |group, corner, [x, y, z]| {
+            screen.corners(&self.batch, |group, corner, place| {
                 for look in looks.iter_mut() {
-                    look.corners[group][corner] = [x[look.lane], y[look.lane], z[look.lane]];
+                    (0..3).for_each(|k| look.corners[group][k][corner] = place[k][look.lane]);
                 }
             });
             for look in looks {
@@ -258,9 +261,19 @@ impl<'s> Sweep<'s> {
                     better = true;
                 }
             }
-            (better && self.covers(a, b, place, groups, &travel)) || self.is_still(a, b, place, groups, &travel.gone)
+            (better && self.covers(a, b, place, groups, &travel)) || self.is_still(a, b, place, &travel.gone)
         })
     }
+}
+
+/// Returns, for each group and then for each pair of groups, the joints that move it relative to the fixed bodies or to
+/// the other group, each with the group that it moves.
+fn movers(world: &Compiled) -> Vec<Vec<(usize, usize)>> {
+    let of = |group: usize| world.carriers[group].iter().map(move |(joint, _)| (*joint, group));
+    let carries = |group: usize, joint: usize| world.carriers[group].iter().any(|(j, _)| *j == joint);
+    let alone = |one: usize, two: usize| of(one).filter(move |(joint, _)| !carries(two, *joint));
+    let pairs = world.screen.pairs().iter().map(|&(one, two)| alone(one, two).chain(alone(two, one)).collect());
+    (0..world.screen.groups()).map(|group| of(group).collect()).chain(pairs).collect()
 }
 
 /// Returns whether a gap is at least a limit; false for NaN.
