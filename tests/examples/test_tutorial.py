@@ -67,7 +67,7 @@ def test_a_strategy_by_hand_is_planned_and_drawn(page: Path, capfd: pytest.Captu
     assert picture is not None
     assert Path(picture[1]).read_bytes().startswith(b"\x89PNG")
     assert "joint axis [0, -0.7071, -0.7071]" in said
-    reason = re.search(r"has a residual of (\S+) \(tolerance 0\.001\)", said)
+    reason = re.search(r"has a residual of (\S+) m \(tolerance 0\.001 m\)", said)
     row = re.search(r"^point2point_constraint\(tool_head, articulated_object_head\) +(\S+)", said, re.M)
     assert reason is not None
     assert row is not None

@@ -124,6 +124,22 @@ def test_the_configs_clock(panda: kpam.Robot) -> None:
     assert hurried.trajectory is None
 
 
+def test_the_reason_begins_with_the_constraint_that_misses_its_tolerance_most(panda: kpam.Robot) -> None:
+    """The axis misses more in rad than the point in m, but the point exceeds its tolerance by a larger factor."""
+    given = config()
+    for each in given["constraint_list"]:
+        if each["type"] != "point2point_constraint":
+            each["tolerance"] = 0.3
+    plan = kpam.plan(problem(panda, config=given, object_keypoints={"edge": [1.2, 0.0, 0.2]}))
+    assert plan.status == "actuation_infeasible"
+    missed = {each["name"]: each["residual"] / each["tolerance"] for each in plan.residuals if not each["satisfied"]}
+    ranked = sorted(missed, key=lambda name: -missed[name])
+    assert ranked[0].startswith("point2point_constraint")
+    told = plan.reason.removeprefix("no joint values meet the constraints: at best ")
+    assert [part.partition(" has a residual of ")[0] for part in told.split(", and ")] == ranked
+    assert told.partition("(tolerance ")[2].startswith("0.001 m)")
+
+
 def test_out_of_reach_is_said(panda: kpam.Robot) -> None:
     plan = kpam.plan(problem(panda, object_keypoints={"edge": [2.0, 0.0, 0.2]}))
     assert plan.status == "actuation_infeasible"
@@ -184,7 +200,7 @@ def test_a_blocked_goal_names_the_bodies(panda: kpam.Robot) -> None:
     plan = kpam.plan(problem(panda, bodies=[table(), lid]))
     assert plan.status == "collision"
     assert plan.trajectory is None
-    assert "lid" in plan.reason
+    assert f"lid overlap by {-1000 * plan.collisions[0]['distance']:.1f} mm" in plan.reason
     assert plan.collisions[0]["bodies"][1] == "lid"
     assert plan.collisions[0]["distance"] < 0
     # The hand may touch the moving link and its target from pre_0 on.

@@ -119,6 +119,11 @@ impl Constraint {
             Self::PlaneCost { keypoint, target, .. } => format!("point2plane_cost({keypoint}, {target})"),
         }
     }
+
+    /// Returns the unit of the residual.
+    pub(crate) fn unit(&self) -> &'static str {
+        if matches!(self, Self::Axis { .. }) { "rad" } else { "m" }
+    }
 }
 
 impl Frame {

@@ -106,13 +106,37 @@ impl Failure {
 
 /// Describes an overlap at the start that is too deep for planning.
 pub(super) fn inside(hit: &Hit) -> String {
-    format!("{} is {:.4} m inside {} at the start, {}", hit.first, -hit.distance, hit.second, place(hit))
+    format!("{} at the start, {}", meeting(hit), place(hit))
 }
 
-fn meeting(hit: &Hit) -> String {
-    format!("{} and {} come within {:.4} m", hit.first, hit.second, hit.distance)
+/// Says how far two bodies overlap or how close they come.
+pub(super) fn meeting(hit: &Hit) -> String {
+    let verb = if hit.distance < 0.0 { "overlap by" } else { "come within" };
+    format!("{} and {} {verb} {}", hit.first, hit.second, millimetres(hit.distance.abs()))
+}
+
+/// Formats a length (m, not negative) in millimetres.
+pub(super) fn millimetres(length: f64) -> String {
+    let tenths = (1e4 * length).round();
+    if length > 0.0 && tenths < 1.0 { "less than 0.1 mm".to_owned() } else { format!("{} mm", tenths / 10.0) }
 }
 
 fn place(hit: &Hit) -> String {
     format!("at ({:.3}, {:.3}, {:.3})", hit.at.x, hit.at.y, hit.at.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn met(distance: f64) -> String {
+        meeting(&Hit { first: "hand".to_owned(), second: "lid".to_owned(), distance, at: nalgebra::Point3::origin() })
+    }
+
+    #[test]
+    fn an_overlap_is_no_negative_distance() {
+        assert_eq!(met(-0.0057), "hand and lid overlap by 5.7 mm");
+        assert_eq!(met(-1e-6), "hand and lid overlap by less than 0.1 mm");
+        assert_eq!(met(0.03), "hand and lid come within 30 mm");
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::failure::inside;
+use super::failure::{inside, meeting, millimetres};
 use super::trials::Trials;
 use super::{Collision, Lack, Plan, Request, refused};
 use crate::actuation::Candidate;
@@ -149,7 +149,8 @@ impl<'p> Planner<'p> {
         let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
         let hint = links_may_touch(&self.problem.robot, [&hit.first, &hit.second]);
-        let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m{hint}", inside(&hit)));
+        let reason = format!("{}; start_depth allows {}{hint}", inside(&hit), millimetres(depth));
+        let mut out = refused(Lack::StartInCollision, reason);
         out.start_overlap = self.world.start_overlap;
         out.collisions = vec![Collision {
             bodies: [hit.first, hit.second],
@@ -199,10 +200,9 @@ impl<'p> Planner<'p> {
         out.warnings.extend(warnings(&self.problem.robot, self.model, &self.problem.options));
         if out.start_overlap > 0.0 {
             if let Some(hit) = self.world.start_hit.as_ref().filter(|_| solved) {
-                out.reason
-                    .push_str(&format!("; it begins {:.4} m inside: {} and {}", -hit.distance, hit.first, hit.second));
+                out.reason.push_str(&format!("; at the start, {}", meeting(hit)));
             }
-            out.warnings.push(format!("the robot overlaps a body by {:.4} m at the start", out.start_overlap));
+            out.warnings.push(format!("the robot overlaps a body by {} at the start", millimetres(out.start_overlap)));
         }
         out
     }

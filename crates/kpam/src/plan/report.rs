@@ -3,6 +3,7 @@
 use gensim2_geometry::{Pose, pose_to_matrix};
 
 use super::attempt::Attempt;
+use super::failure::millimetres;
 use super::planner::Planner;
 use super::{
     Collision, Guess, KeyframeReport, Lack, Outcome, Plan, Residual, Status, Tight, Touch, TriedPose, refused,
@@ -13,6 +14,11 @@ use crate::world::State;
 
 impl Planner<'_> {
     pub(super) fn residuals(&mut self, x: &Row) -> Vec<Residual> {
+        self.entries(x).into_iter().map(|(_, residual)| residual).collect()
+    }
+
+    /// Returns the residual of each constraint with the index of the constraint in the config.
+    fn entries(&mut self, x: &Row) -> Vec<(usize, Residual)> {
         let hand = self.follower.hand(x);
         let mut out: Vec<(usize, f64, f64)> = Vec::new();
         for p in &self.resolved.points {
@@ -24,11 +30,9 @@ impl Planner<'_> {
         }
         out.sort_by_key(|(entry, _, _)| *entry);
         out.into_iter()
-            .map(|(entry, residual, tolerance)| Residual {
-                name: self.problem.config.constraints[entry].name(),
-                residual,
-                tolerance,
-                satisfied: residual <= tolerance,
+            .map(|(entry, residual, tolerance)| {
+                let name = self.problem.config.constraints[entry].name();
+                (entry, Residual { name, residual, tolerance, satisfied: residual <= tolerance })
             })
             .collect()
     }
@@ -40,19 +44,23 @@ impl Planner<'_> {
         out.start_overlap = self.world.start_overlap;
         if let Some(x) = best_effort {
             out.q_best_effort = Some(self.full(&x));
-            out.residuals = self.residuals(&x);
-            let worst = out
-                .residuals
-                .iter()
-                .filter(|r| !r.satisfied)
-                .max_by(|a, b| (a.residual - a.tolerance).total_cmp(&(b.residual - b.tolerance)));
-            out.reason = match worst {
-                Some(r) => format!(
-                    "no joint values meet the constraints: at best {} has a residual of {:.4} (tolerance {})",
-                    r.name, r.residual, r.tolerance
-                ),
-                None => "the constraints can be met only outside the joint limits".to_owned(),
+            let entries = self.entries(&x);
+            let mut missed: Vec<_> = entries.iter().filter(|(_, r)| !r.satisfied).collect();
+            // Metres and radians are only comparable as multiples of the tolerance.
+            missed.sort_by(|(_, a), (_, b)| (b.residual / b.tolerance).total_cmp(&(a.residual / a.tolerance)));
+            let told: Vec<_> = missed
+                .into_iter()
+                .map(|(entry, r)| {
+                    let unit = self.problem.config.constraints[*entry].unit();
+                    format!("{} has a residual of {:.4} {unit} (tolerance {} {unit})", r.name, r.residual, r.tolerance)
+                })
+                .collect();
+            out.reason = if told.is_empty() {
+                "the constraints can be met only outside the joint limits".to_owned()
+            } else {
+                format!("no joint values meet the constraints: at best {}", told.join(", and "))
             };
+            out.residuals = entries.into_iter().map(|(_, residual)| residual).collect();
             if let Some(outside) = outside {
                 out.reason = format!(
                     "the constraints can be met only with the hand outside options.workspace, by at least {outside:.4} m"
@@ -70,7 +78,7 @@ impl Planner<'_> {
         let (lack, reason) = match &attempt.failure {
             Some(failure) => (Some(failure.lack()), failure.reason(label)),
             None if self.problem.options.avoid_collisions => {
-                (None, format!("the whole motion is reachable and keeps a clearance of {} m", self.margin))
+                (None, format!("the whole motion is reachable and keeps a clearance of {}", millimetres(self.margin)))
             }
             None => (None, "the whole motion is reachable; collisions were reported but not avoided".to_owned()),
         };
@@ -157,13 +165,22 @@ impl Planner<'_> {
         }
         if let Some(least) = out.tight.iter().min_by(|a, b| a.distance.total_cmp(&b.distance)) {
             out.warnings.push(format!(
-                "closer than {} m at the start or a keyframe: {} pairs, closest {} and {} at {} ({:.4} m); the motion keeps their distance there",
-                out.margin, out.tight.len(), least.bodies[0], least.bodies[1], least.at, least.distance
+                "closer than {} at the start or a keyframe: {} pairs, closest {} and {} at {} ({}{}); the motion keeps their distance there",
+                millimetres(out.margin),
+                out.tight.len(),
+                least.bodies[0],
+                least.bodies[1],
+                least.at,
+                if least.distance < 0.0 { "an overlap of " } else { "" },
+                millimetres(least.distance.abs())
             ));
         }
         if out.margin < self.problem.options.margin && self.problem.options.avoid_collisions {
-            let wished = self.problem.options.margin;
-            out.warnings.push(format!("no motion keeps a clearance of {wished} m; this one keeps {} m", out.margin));
+            out.warnings.push(format!(
+                "no motion keeps a clearance of {}; this one keeps {}",
+                millimetres(self.problem.options.margin),
+                millimetres(out.margin)
+            ));
         }
     }
 
