@@ -9,8 +9,11 @@ use crate::xml;
 
 /// Maximum depth of nodes in the scene, which may refer to each other.
 const DEEPEST: usize = 64;
-/// Maximum number of vertices, because nodes may repeat a geometry many times.
+/// Maximum number of nodes and vertices that are visited, because nodes may repeat geometries and other nodes many
+/// times.
 const MOST: usize = 20_000_000;
+/// Number of vertices that a node counts for.
+const NODE: usize = 100;
 
 const SURFACES: [&str; 5] = ["triangles", "polylist", "polygons", "trifans", "tristrips"];
 
@@ -30,7 +33,7 @@ pub(crate) fn read(content: &[u8]) -> Result<Vec<Point3<f64>>, String> {
     if !(unit.is_finite() && unit > 0.0) {
         return Err(format!("unit: meter must be positive, not {unit}"));
     }
-    let mut reader = Reader { ids, places: HashMap::new(), out: Vec::new() };
+    let mut reader = Reader { ids, places: HashMap::new(), out: Vec::new(), visited: 0 };
     let shown = child(root, "scene").and_then(|scene| child(scene, "instance_visual_scene"));
     let scene = match shown {
         Some(shown) => reader.target(shown, "url")?,
@@ -48,6 +51,8 @@ struct Reader<'d> {
     /// Vertices of the faces of each geometry read so far, by its id.
     places: HashMap<&'d str, Vec<Point3<f64>>>,
     out: Vec<Point3<f64>>,
+    /// Number of nodes and vertices visited so far.
+    visited: usize,
 }
 
 impl<'d> Reader<'d> {
@@ -64,6 +69,7 @@ impl<'d> Reader<'d> {
         if depth > DEEPEST {
             return Err(format!("has nodes nested more than {DEEPEST} levels deep"));
         }
+        self.visit(NODE)?;
         let mut here = *above;
         for part in node.children().filter(Node::is_element) {
             match part.tag_name().name() {
@@ -95,10 +101,8 @@ impl<'d> Reader<'d> {
                         let corners = self.corners(geometry)?;
                         self.places.insert(id, corners);
                     }
+                    self.visit(self.places[id].len())?;
                     let corners = &self.places[id];
-                    if self.out.len() + corners.len() > MOST {
-                        return Err(format!("has more than {MOST} vertices"));
-                    }
                     self.out.extend(corners.iter().map(|p| here.transform_point(p)));
                 }
                 _ => {}
@@ -107,8 +111,17 @@ impl<'d> Reader<'d> {
         Ok(())
     }
 
+    /// Counts visited nodes and vertices.
+    fn visit(&mut self, count: usize) -> Result<(), String> {
+        self.visited += count;
+        if self.visited > MOST {
+            return Err(format!("has more than {MOST} nodes and vertices, with repetitions"));
+        }
+        Ok(())
+    }
+
     /// Returns the vertices of a geometry that belong to a face.
-    fn corners(&self, geometry: Node<'d, 'd>) -> Result<Vec<Point3<f64>>, String> {
+    fn corners(&mut self, geometry: Node<'d, 'd>) -> Result<Vec<Point3<f64>>, String> {
         let name = geometry.attribute("id").unwrap_or_default();
         let fail = |message: &str| format!("geometry {name:?}: {message}");
         let mesh = child(geometry, "mesh").ok_or_else(|| fail("has no <mesh>; export it as triangles"))?;
@@ -126,6 +139,8 @@ impl<'d> Reader<'d> {
                 .find(|n| n.attribute("semantic") == Some("POSITION"))
                 .ok_or_else(|| fail("<vertices> has no input POSITION"))?;
             points = self.positions(self.target(position, "source")?).map_err(|e| fail(&e))?;
+            // Each surface reads the positions again.
+            self.visit(points.len())?;
             used.resize(points.len(), false);
             for list in surface.descendants().filter(|n| matches!(n.tag_name().name(), "p" | "h")) {
                 for index in words(list).skip(offset(vertex)).step_by(stride) {
@@ -240,5 +255,11 @@ mod tests {
         }
         let itself = file("", r##"<node id="n"><instance_node url="#n"/></node>"##);
         assert!(read(itself.as_bytes()).unwrap_err().contains("levels deep"));
+        // Each of 60 nodes shows the next one twice.
+        let pair = |i: usize| {
+            format!("<node id=\"n{i}\">{}</node>", format!("<instance_node url=\"#n{}\"/>", i + 1).repeat(2))
+        };
+        let pairs: String = (0..60).map(pair).chain(["<node id=\"n60\"/>".to_owned()]).collect();
+        assert!(read(file("", &pairs).as_bytes()).unwrap_err().contains("with repetitions"));
     }
 }

@@ -1,5 +1,6 @@
 //! Reads the vertices of surfaces from glTF 2.0 files (.glb and .gltf).
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
@@ -10,8 +11,10 @@ use crate::mesh_path::unescaped;
 
 /// Maximum depth of nodes in the scene.
 const DEEPEST: usize = 64;
-/// Maximum number of vertices, because nodes may repeat a mesh many times.
+/// Maximum number of nodes and vertices that are visited, because nodes may repeat meshes and other nodes many times.
 const MOST: usize = 20_000_000;
+/// Number of vertices that a node counts for.
+const NODE: usize = 100;
 /// Component types of accessors.
 const U8: u32 = 5121;
 const U16: u32 = 5123;
@@ -115,20 +118,25 @@ pub(crate) fn read(content: &[u8], path: &Path) -> Result<Vec<Point3<f64>>, Stri
         return Err(format!("needs the extension {extension}; export it without compression and extensions"));
     }
     let mut buffers = Vec::with_capacity(document.buffers.len());
-    for buffer in &document.buffers {
-        buffers.push(match &buffer.uri {
-            None => binary.unwrap_or_default().to_vec(),
+    let mut left = file::MAX_MESH;
+    for (number, buffer) in document.buffers.iter().enumerate() {
+        let found = match &buffer.uri {
+            None if number == 0 => Cow::Borrowed(binary.unwrap_or_default()),
+            None => return Err(format!("buffer {number} has no file; only the first buffer may lie in the .glb file")),
             Some(uri) if uri.starts_with("data:") => {
                 return Err("contains its buffers as text (data:); save it as .glb".to_owned());
             }
             Some(uri) => {
                 let beside = path.parent().map(|folder| folder.join(unescaped(uri))).unwrap_or_default();
-                file::read(&beside, file::MAX_MESH).map_err(|e| format!("buffer {}: {e}", beside.display()))?
+                let content = file::read(&beside, left).map_err(|e| format!("buffer {}: {e}", beside.display()))?;
+                left -= content.len() as u64;
+                Cow::Owned(content)
             }
-        });
+        };
+        buffers.push(found);
     }
     let scene = document.scenes.get(document.scene.unwrap_or(0)).ok_or("has no scene; export the file again")?;
-    let mut reader = Reader { document: &document, buffers, out: Vec::new() };
+    let mut reader = Reader { document: &document, buffers, out: Vec::new(), visited: 0 };
     for node in &scene.nodes {
         reader.walk(*node, &Matrix4::identity(), 0)?;
     }
@@ -157,8 +165,10 @@ fn chunks(content: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
 
 struct Reader<'d> {
     document: &'d Document,
-    buffers: Vec<Vec<u8>>,
+    buffers: Vec<Cow<'d, [u8]>>,
     out: Vec<Point3<f64>>,
+    /// Number of nodes and vertices visited so far.
+    visited: usize,
 }
 
 impl Reader<'_> {
@@ -168,6 +178,7 @@ impl Reader<'_> {
         if depth > DEEPEST {
             return Err(format!("has nodes nested more than {DEEPEST} levels deep"));
         }
+        self.visit(NODE)?;
         let turn = node.rotation.map_or(UnitQuaternion::identity(), |[x, y, z, w]| {
             UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12).unwrap_or_else(UnitQuaternion::identity)
         });
@@ -186,13 +197,13 @@ impl Reader<'_> {
             for primitive in mesh.primitives.iter().filter(|p| TRIANGLES.contains(&p.mode.unwrap_or(4))) {
                 let Some(position) = primitive.attributes.position else { continue };
                 let points = self.points(position)?;
+                self.visit(points.len())?;
                 let mut used = vec![primitive.indices.is_none(); points.len()];
-                for index in primitive.indices.map(|i| self.indices(i)).transpose()?.unwrap_or_default() {
+                let indices = primitive.indices.map(|i| self.indices(i)).transpose()?.unwrap_or_default();
+                self.visit(indices.len())?;
+                for index in indices {
                     let place = used.get_mut(index);
                     *place.ok_or_else(|| format!("a face names the vertex {index}, which does not exist"))? = true;
-                }
-                if self.out.len() + points.len() > MOST {
-                    return Err(format!("has more than {MOST} vertices"));
                 }
                 let faces = points.iter().zip(used).filter(|(_, used)| *used);
                 self.out.extend(faces.map(|(p, _)| here.transform_point(p)));
@@ -200,6 +211,15 @@ impl Reader<'_> {
         }
         for below in &node.children {
             self.walk(*below, &here, depth + 1)?;
+        }
+        Ok(())
+    }
+
+    /// Counts visited nodes and vertices.
+    fn visit(&mut self, count: usize) -> Result<(), String> {
+        self.visited += count;
+        if self.visited > MOST {
+            return Err(format!("has more than {MOST} nodes and vertices, with repetitions"));
         }
         Ok(())
     }
@@ -299,6 +319,7 @@ mod tests {
             ("\"componentType\":5126", "\"componentType\":5122", "not supported"),
             ("\"indices\":1", "\"indices\":7", "accessor 7: does not exist"),
             ("\"children\":[1]", "\"children\":[0]", "levels deep"),
+            ("[{\"byteLength\":54}]", "[{\"byteLength\":54},{\"byteLength\":54}]", "buffer 1 has no file"),
             ("\"mesh\":0,\"ch", "\"mesh\":3,\"ch", "names the mesh 3"),
             ("\"scene\":0", "\"scene\":4", "has no scene"),
             ("\"scene\":0", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]", "KHR_draco_mesh_compression"),
@@ -309,6 +330,13 @@ mod tests {
             let found = read(&file(|json| json.replacen(from, to, 1)), Path::new("a.glb")).unwrap_err();
             assert!(found.contains(named), "{named}: {found}");
         }
+        // Each of 60 nodes shows the next one twice.
+        let pairs = |json: &str| {
+            let (start, end) = (json.find("\"nodes\":[{").unwrap(), json.find("\"meshes\"").unwrap());
+            let nodes: Vec<_> = (1..61).map(|i| format!("{{\"children\":[{i},{i}]}}")).collect();
+            format!("{}\"nodes\":[{},{{}}],{}", &json[..start], nodes.join(","), &json[end..])
+        };
+        assert!(read(&file(pairs), Path::new("a.glb")).unwrap_err().contains("with repetitions"));
         let whole = file(str::to_owned);
         for end in 0..whole.len() {
             assert!(read(&whole[..end], Path::new("a.glb")).is_err(), "{end}");
