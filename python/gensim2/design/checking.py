@@ -11,7 +11,6 @@ from gensim2.rollout import worker
 from gensim2.rollout.checker_result import CheckerResult, Mutation
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.scenes.config import Drawn, SceneOptions
-from gensim2.scenes.randomize import openness_range
 from gensim2.tasks.criteria import JOINT, ArticulatedBetween, ArticulatedOpen
 from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import TaskSpec
@@ -82,6 +81,8 @@ def remedy_for(task: TaskSpec, checker: CheckerResult, scene: SceneOptions) -> s
         checker: result of :func:`check_criteria`.
         scene: settings of the scenes in which the task was checked.
     """
+    from gensim2.scenes.randomize import openness_range  # import late, because this module loads SciPy
+
     unmoved = (Mutation.NOTHING, Mutation.AT_START, Mutation.A_LITTLE)
     wrong = {each.subject for each in checker.of_goal if each.fooled and each.mutation in unmoved}
     for criterion in task.success:

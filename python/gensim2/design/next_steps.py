@@ -11,7 +11,6 @@ from gensim2.core.record_files import read_record
 from gensim2.data.records import RunSummary
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
 from gensim2.design.designs import read_design
-from gensim2.rollout.diagnose import PLAN_CAUSES
 from gensim2.rollout.record import Cause
 
 _REACH = (
@@ -106,6 +105,8 @@ def _causes(files: TaskFolder) -> Counter[str]:
     """Return the number of failures by cause: those of the verification; without one, those of the simulated episodes
     of the search; without these, those of its plans.
     """
+    from gensim2.rollout.diagnose import PLAN_CAUSES  # import late, because this module loads SciPy
+
     if (verification := files.verification()) is not None:
         return Counter(str(episode.cause) for episode in verification.episodes if episode.cause is not None)
     design = read_design(files.path)
