@@ -323,6 +323,8 @@ HEAVY = (
     "gensim2.objects.meshwork.interior",
     "gensim2.scenes.goal",
     "gensim2.scenes.initial_state",
+    "gensim2.scenes.randomize",
+    "gensim2.rollout.diagnose",
 )
 
 

@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 import pytest
 import zarr
-from messages import Messages
+from kept_messages import Messages
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.files import new_folder

@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import zarr
+from kept_messages import Messages
 from kill_runs import contents
-from messages import Messages
 
 from gensim2.core.errors import InputError, WriteError
 from gensim2.core.sealed_file import HEADER_SIZE

@@ -136,6 +136,11 @@ def _leave(code: int) -> NoReturn:
         with contextlib.suppress(OSError):
             sys.stdout.flush()
         os._exit(code)
+    if sys.stderr is not None:
+        try:
+            sys.stderr.flush()
+        except OSError:
+            sys.stderr = None  # Python would otherwise flush it once more, fail, and exit with code 120
     sys.exit(code)
 
 
