@@ -303,3 +303,14 @@ def test_mimic_fingers_follow_in_checks_motions_and_with_attached_bodies(tmp_pat
     assert motion.trajectory is not None, motion.reason
     for q, drive in itertools.product(motion.trajectory.positions, [0.04]):
         np.testing.assert_allclose(q[2:], [drive, drive, drive / 2], atol=1e-12)
+
+
+def test_measured_fingers_that_differ_a_little_do_not_matter() -> None:
+    from gensim2.robots import robot
+
+    panda = robot("panda").model
+    start = np.array([0.0, -0.3, 0.0, -2.6, 0.0, 2.2, 0.8, 0.0213, 0.0209])
+    goal = start.copy()
+    goal[0] = 0.4
+    motion = kpam.Scene(panda, []).plan_to(start, goal)
+    assert motion.trajectory is not None
