@@ -5,15 +5,8 @@ use std::collections::HashMap;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node};
 
+use crate::mesh::Visited;
 use crate::xml;
-
-/// Maximum depth of nodes in the scene, which may refer to each other.
-const DEEPEST: usize = 64;
-/// Maximum number of nodes and vertices that are visited, because nodes may repeat geometries and other nodes many
-/// times.
-const MOST: usize = 20_000_000;
-/// Number of vertices that a node counts for.
-const NODE: usize = 100;
 
 const SURFACES: [&str; 5] = ["triangles", "polylist", "polygons", "trifans", "tristrips"];
 
@@ -33,7 +26,7 @@ pub(crate) fn read(content: &[u8]) -> Result<Vec<Point3<f64>>, String> {
     if !(unit.is_finite() && unit > 0.0) {
         return Err(format!("unit: meter must be positive, not {unit}"));
     }
-    let mut reader = Reader { ids, places: HashMap::new(), out: Vec::new(), visited: 0 };
+    let mut reader = Reader { ids, places: HashMap::new(), out: Vec::new(), visited: Visited::default() };
     let shown = child(root, "scene").and_then(|scene| child(scene, "instance_visual_scene"));
     let scene = match shown {
         Some(shown) => reader.target(shown, "url")?,
@@ -51,8 +44,7 @@ struct Reader<'d> {
     /// Vertices of the faces of each geometry read so far, by its id.
     places: HashMap<&'d str, Vec<Point3<f64>>>,
     out: Vec<Point3<f64>>,
-    /// Number of nodes and vertices visited so far.
-    visited: usize,
+    visited: Visited,
 }
 
 impl<'d> Reader<'d> {
@@ -66,10 +58,7 @@ impl<'d> Reader<'d> {
 
     /// Adds the geometries of a node and of the nodes below it.
     fn walk(&mut self, node: Node<'d, 'd>, above: &Matrix4<f64>, depth: usize) -> Result<(), String> {
-        if depth > DEEPEST {
-            return Err(format!("has nodes nested more than {DEEPEST} levels deep"));
-        }
-        self.visit(NODE)?;
+        self.visited.node(depth)?;
         let mut here = *above;
         for part in node.children().filter(Node::is_element) {
             match part.tag_name().name() {
@@ -101,21 +90,12 @@ impl<'d> Reader<'d> {
                         let corners = self.corners(geometry)?;
                         self.places.insert(id, corners);
                     }
-                    self.visit(self.places[id].len())?;
+                    self.visited.vertices(self.places[id].len())?;
                     let corners = &self.places[id];
                     self.out.extend(corners.iter().map(|p| here.transform_point(p)));
                 }
                 _ => {}
             }
-        }
-        Ok(())
-    }
-
-    /// Counts visited nodes and vertices.
-    fn visit(&mut self, count: usize) -> Result<(), String> {
-        self.visited += count;
-        if self.visited > MOST {
-            return Err(format!("has more than {MOST} nodes and vertices, with repetitions"));
         }
         Ok(())
     }
@@ -140,7 +120,7 @@ impl<'d> Reader<'d> {
                 .ok_or_else(|| fail("<vertices> has no input POSITION"))?;
             points = self.positions(self.target(position, "source")?).map_err(|e| fail(&e))?;
             // Each surface reads the positions again.
-            self.visit(points.len())?;
+            self.visited.vertices(points.len())?;
             used.resize(points.len(), false);
             for list in surface.descendants().filter(|n| matches!(n.tag_name().name(), "p" | "h")) {
                 for index in words(list).skip(offset(vertex)).step_by(stride) {

@@ -7,14 +7,9 @@ use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use crate::file;
+use crate::mesh::Visited;
 use crate::mesh_path::unescaped;
 
-/// Maximum depth of nodes in the scene.
-const DEEPEST: usize = 64;
-/// Maximum number of nodes and vertices that are visited, because nodes may repeat meshes and other nodes many times.
-const MOST: usize = 20_000_000;
-/// Number of vertices that a node counts for.
-const NODE: usize = 100;
 /// Component types of accessors.
 const U8: u32 = 5121;
 const U16: u32 = 5123;
@@ -136,7 +131,7 @@ pub(crate) fn read(content: &[u8], path: &Path) -> Result<Vec<Point3<f64>>, Stri
         buffers.push(found);
     }
     let scene = document.scenes.get(document.scene.unwrap_or(0)).ok_or("has no scene; export the file again")?;
-    let mut reader = Reader { document: &document, buffers, out: Vec::new(), visited: 0 };
+    let mut reader = Reader { document: &document, buffers, out: Vec::new(), visited: Visited::default() };
     for node in &scene.nodes {
         reader.walk(*node, &Matrix4::identity(), 0)?;
     }
@@ -167,18 +162,14 @@ struct Reader<'d> {
     document: &'d Document,
     buffers: Vec<Cow<'d, [u8]>>,
     out: Vec<Point3<f64>>,
-    /// Number of nodes and vertices visited so far.
-    visited: usize,
+    visited: Visited,
 }
 
 impl Reader<'_> {
     fn walk(&mut self, node: usize, above: &Matrix4<f64>, depth: usize) -> Result<(), String> {
         let document = self.document;
         let node = document.nodes.get(node).ok_or_else(|| format!("names the node {node}, which does not exist"))?;
-        if depth > DEEPEST {
-            return Err(format!("has nodes nested more than {DEEPEST} levels deep"));
-        }
-        self.visit(NODE)?;
+        self.visited.node(depth)?;
         let turn = node.rotation.map_or(UnitQuaternion::identity(), |[x, y, z, w]| {
             UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12).unwrap_or_else(UnitQuaternion::identity)
         });
@@ -197,10 +188,10 @@ impl Reader<'_> {
             for primitive in mesh.primitives.iter().filter(|p| TRIANGLES.contains(&p.mode.unwrap_or(4))) {
                 let Some(position) = primitive.attributes.position else { continue };
                 let points = self.points(position)?;
-                self.visit(points.len())?;
+                self.visited.vertices(points.len())?;
                 let mut used = vec![primitive.indices.is_none(); points.len()];
                 let indices = primitive.indices.map(|i| self.indices(i)).transpose()?.unwrap_or_default();
-                self.visit(indices.len())?;
+                self.visited.vertices(indices.len())?;
                 for index in indices {
                     let place = used.get_mut(index);
                     *place.ok_or_else(|| format!("a face names the vertex {index}, which does not exist"))? = true;
@@ -211,15 +202,6 @@ impl Reader<'_> {
         }
         for below in &node.children {
             self.walk(*below, &here, depth + 1)?;
-        }
-        Ok(())
-    }
-
-    /// Counts visited nodes and vertices.
-    fn visit(&mut self, count: usize) -> Result<(), String> {
-        self.visited += count;
-        if self.visited > MOST {
-            return Err(format!("has more than {MOST} nodes and vertices, with repetitions"));
         }
         Ok(())
     }

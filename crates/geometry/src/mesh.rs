@@ -32,6 +32,37 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     Ok(vertices)
 }
 
+/// Count of the nodes and vertices that a reader has visited in a scene whose nodes may repeat meshes and other nodes many
+/// times.
+#[derive(Default)]
+pub(crate) struct Visited(usize);
+
+impl Visited {
+    /// Maximum depth of nodes, which may refer to each other.
+    const DEEPEST: usize = 64;
+    /// Maximum count.
+    const MOST: usize = 20_000_000;
+    /// Number of vertices that a node counts for.
+    const NODE: usize = 100;
+
+    /// Counts a node at a depth below the scene.
+    pub fn node(&mut self, depth: usize) -> Result<(), String> {
+        if depth > Self::DEEPEST {
+            return Err(format!("has nodes nested more than {} levels deep", Self::DEEPEST));
+        }
+        self.vertices(Self::NODE)
+    }
+
+    /// Counts vertices, or entries of faces.
+    pub fn vertices(&mut self, count: usize) -> Result<(), String> {
+        self.0 += count;
+        if self.0 > Self::MOST {
+            return Err(format!("has more than {} nodes and vertices, with repetitions", Self::MOST));
+        }
+        Ok(())
+    }
+}
+
 /// Returns only the vertices that belong to a face.
 fn used<'f>(vertices: &[[f64; 3]], faces: impl IntoIterator<Item = &'f [u32; 3]>) -> Vec<Point3<f64>> {
     let mut in_use = vec![false; vertices.len()];
