@@ -66,6 +66,11 @@ impl JointMap {
             && self.driven.iter().all(drives)
     }
 
+    /// Returns whether a variable drives a joint, directly or as the source of a mimic joint.
+    pub(crate) fn moves(&self, joint: usize) -> bool {
+        self.driven.iter().any(|driven| driven.joint == joint)
+    }
+
     /// Returns the number of joints of the whole robot.
     #[must_use]
     pub fn joints(&self) -> usize {

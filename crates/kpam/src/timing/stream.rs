@@ -60,7 +60,7 @@ impl Trajectory {
         if next.joints() != self.joints() || next.map().driven() != self.map().driven() {
             return Err(ProblemError::new("next", "moves other joints"));
         }
-        let stands = |joint: usize| self.map().driven().iter().all(|driven| driven.joint != joint);
+        let stands = |joint: usize| !self.map().moves(joint);
         for joint in (0..self.joints()).filter(|joint| stands(*joint)) {
             let (was, is) = (self.map().rest()[joint], next.map().rest()[joint]);
             if (was - is).abs() > TOLERANCE {

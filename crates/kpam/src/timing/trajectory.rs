@@ -349,10 +349,9 @@ impl Trajectory {
     /// m, and rates) of `state`, and keeps all other joints where `map` does.
     pub(crate) fn goes_on_from(&self, map: &JointMap, t: f64, state: &[Row; 3], most: f64) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= most;
-        let moved = |joint: usize| map.driven().iter().any(|driven| driven.joint == joint);
         map.driven() == self.joints.driven()
             && map.joints() == self.joints()
-            && (0..map.joints()).all(|j| moved(j) || near(map.rest()[j], self.joints.rest()[j]))
+            && (0..map.joints()).all(|j| map.moves(j) || near(map.rest()[j], self.joints.rest()[j]))
             && (self.start()..=self.end()).contains(&t)
             && self.moving_with_rates(t).iter().zip(state).all(|(a, b)| a.iter().zip(b).all(|(a, b)| near(*a, *b)))
     }

@@ -87,8 +87,7 @@ impl Goal {
 fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
-    let planned = |j: usize| model.map().driven().iter().any(|d| d.joint == j);
-    let ignored = |j: usize| joints[j].mimic().is_some() && !planned(j);
+    let ignored = |j: usize| joints[j].mimic().is_some() && !model.map().moves(j);
     let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK && !ignored(*j)) else { return Ok(()) };
     let why = match joints[j].mimic() {
         Some(mimic) => format!("follows {}", joints[mimic.source].name()),

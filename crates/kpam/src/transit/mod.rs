@@ -186,7 +186,7 @@ impl Transit<'_> {
         for v in 0..self.model.n() {
             pace[v] = 1.0 / limits.velocity[v].min(1e3);
         }
-        let moves = |joint: usize| self.model.map().driven().iter().any(|d| d.joint == joint);
+        let moves = |joint: usize| self.model.map().moves(joint);
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs(clearance);
