@@ -140,8 +140,15 @@ def require_no_selection(task: str | None, index: int | None) -> None:
 
 
 def of_recording(place: Path, task: str | None, index: int | None, assets: Path | str | None = None) -> Shown | None:
-    """Read a recorded episode. ``place`` is the folder of a data set, whose arguments are those of :func:`of_data_set`,
-    or the file of an episode in a data set. The result is None if ``place`` is neither.
+    """Read a recorded episode.
+
+    Args:
+        place: the folder of a data set, or the file of an episode in a data set.
+        task, index: task and number of the episode, as for :func:`of_data_set`; None if ``place`` is a file.
+        assets: current folder of the objects, if it has changed.
+
+    Returns:
+        The episode; None if ``place`` is neither a data set nor an episode file.
 
     Raises:
         InputError: the episode does not exist, or cannot be read.

@@ -296,7 +296,7 @@ def test_mimic_fingers_follow_in_checks_motions_and_with_attached_bodies(tmp_pat
     assert scene.own_points(opened, finger[None, :3, 3], 1e-3).all()
     assert not scene.own_points(closed, finger[None, :3, 3], 1e-3).any()
     assert scene.plan_to(opened, [0.5, 0.5, 0.04, 0.04, 0.02]).status == "start_blocked"
-    # A body held by the hand: the fingers beside it are those of the drive joint during the whole motion.
+    # With a body in the hand, both finger joints keep the value of the drive joint during the whole motion.
     away = kpam.Body("block", "rigid", [kpam.Shape.box([0.004, 0.004, 0.004])], robot.forward_kinematics(closed))
     held = kpam.Scene(robot, [away]).attached("block", opened)
     motion = held.plan_to(opened, [0.5, 0.5, 0.04, 0.04, 0.02])

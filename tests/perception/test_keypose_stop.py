@@ -1,4 +1,4 @@
-"""Keypose policies stop by what the point clouds show, together with the network's prediction."""
+"""Keypose policies use the point clouds and the network's prediction to decide when to stop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .test_estimation import PANDA, model_of, put
 
 
 def box(openness: float) -> Observation:
-    """Return what the packaged policy sees of a box."""
+    """Return an observation of a box with the inputs of the packaged policy."""
     model, spec = model_of("box_rotate"), PolicyCheckpoint.load("builtin").observation
     states = Cameras(PANDA, model)._states(put(model, openness), np.array(PANDA.reset_qpos), rng(0, "test"))
     return replace(Observer(PANDA, {"object": model}, spec, 0).observe(states, 0), language="close the box")

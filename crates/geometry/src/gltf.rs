@@ -101,8 +101,9 @@ struct Buffer {
     uri: Option<String>,
 }
 
-/// Returns the vertices (m) of all faces in the scene of a file; `path` is the file's path, to which buffers in other
-/// files are relative. The coordinates are those of the file, without a rotation of its up axis.
+/// Returns the vertices (m) of all faces in the scene of a glTF file with the given content and path. The file may name
+/// further files with vertices; their names are relative to the folder of `path`. glTF defines y as the up axis, but the
+/// vertices are returned without a rotation.
 pub(crate) fn read(content: &[u8], path: &Path) -> Result<Vec<Point3<f64>>, String> {
     let (json, binary) = match content.strip_prefix(b"glTF") {
         Some(_) => chunks(content)?,

@@ -32,8 +32,8 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
     Ok(vertices)
 }
 
-/// Count of the nodes and vertices that a reader has visited in a scene whose nodes may repeat meshes and other nodes many
-/// times.
+/// Limit of a reader's work on a scene. A node of a scene may refer to meshes and to other nodes, so a small file can
+/// describe a scene without end. Each visit of a node or vertex counts.
 #[derive(Default)]
 pub(crate) struct Visited(usize);
 

@@ -97,7 +97,7 @@ def remedy_for(task: TaskSpec, checker: CheckerResult, scene: SceneOptions) -> s
             if low < criterion.high and criterion.low < high:
                 return f"{starts}; set openness_mean in randomization so that the start lies outside the goal"
             continue
-        # Openness in the direction of the goal, so that 1 is the end to which the joint must move.
+        # Convert the openness: 1 becomes the end of the joint range that the joint must move to, 0 the other end.
         opens = isinstance(criterion, ArticulatedOpen)
         nearest = high if opens else 1.0 - low
         threshold = criterion.threshold if opens else 1.0 - criterion.threshold

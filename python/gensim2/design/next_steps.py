@@ -94,7 +94,9 @@ def next_steps(run_dir: Path) -> list[NextStep]:
 
 
 def _of_causes(causes: Counter[str]) -> Iterable[str]:
-    """Return the advice for a cause to which more than half of the failures belong, or the general advice."""
+    """Return the advice for the most frequent cause if it explains more than half of the failures; otherwise the
+    general advice.
+    """
     for cause, count in causes.most_common(1):
         if 2 * count > causes.total() and cause in _OF_CAUSE:
             return [f"most failures have the cause {str(cause)!r}: {_OF_CAUSE[Cause(cause)]}"]
@@ -102,8 +104,10 @@ def _of_causes(causes: Counter[str]) -> Iterable[str]:
 
 
 def _causes(files: TaskFolder) -> Counter[str]:
-    """Return the number of failures by cause: those of the verification; without one, those of the simulated episodes
-    of the search; without these, those of its plans.
+    """Count the failures of a task by cause.
+
+    The failures are the failed episodes of the verification. If the task was not verified, they are the failed
+    simulated episodes of the search. If the search simulated no episode, they are its failed plans.
     """
     from gensim2.rollout.diagnose import PLAN_CAUSES  # import late, because this module loads SciPy
 
