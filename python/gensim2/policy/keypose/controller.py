@@ -36,8 +36,8 @@ SURE = 0.8
 harm than a missing motion.
 """
 SURER = 10.0
-"""Factor by which the odds of "done" must have grown since the first prediction; otherwise the prediction does not count
-as sure. The task is not done at the first prediction, so the odds of "done" there measure the network's bias.
+"""Factor by which the odds of "done" must have grown since the first prediction; otherwise the prediction does not
+count as sure. The task is not done at the first prediction, so the odds of "done" there measure the network's bias.
 """
 UNEXPECTED = 0.15
 """Factor on the probability of a strategy whose step is neither the last executed step nor the next step. The known
