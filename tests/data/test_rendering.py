@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.common.messages import Messages
+from kept_messages import Messages
 
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError, WriteError

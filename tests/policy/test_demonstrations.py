@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import torch
 from disks import can_mount, on_disk
+from kept_messages import Messages
 from scipy.spatial.transform import Rotation
-from tests.common.messages import Messages
 
 import gensim2
 from gensim2.cli.main import run

@@ -63,7 +63,7 @@ impl Goal {
                             return Err(ProblemError::new(field, message));
                         }
                         finite(&field, q)?;
-                        check_others(scene, model, &field, q)?;
+                        check_others(scene, model, &field, q_start, q)?;
                         let x = model.unwound(&model.pick(q), &model.start());
                         within_limits(model, &field, &x).map(|()| x)
                     })
@@ -82,13 +82,13 @@ impl Goal {
     }
 }
 
-/// Returns an error if `q` changes a joint that planning does not move. The values of mimic joints that planning does not
-/// move have no meaning: measured fingers differ a little.
-fn check_others(scene: &Scene, model: &Model, field: &str, q: &[f64]) -> Result<(), ProblemError> {
+/// Returns an error if `q` changes a joint that planning does not move. A mimic joint that planning does not move may keep
+/// its value of `q_start`, because measured fingers differ a little.
+fn check_others(scene: &Scene, model: &Model, field: &str, q_start: &[f64], q: &[f64]) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
-    let ignored = |j: usize| joints[j].mimic().is_some() && !model.map().moves(j);
-    let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK && !ignored(*j)) else { return Ok(()) };
+    let kept = |j: usize| joints[j].mimic().is_some() && !model.map().moves(j) && (q[j] - q_start[j]).abs() <= SLACK;
+    let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK && !kept(*j)) else { return Ok(()) };
     let why = match joints[j].mimic() {
         Some(mimic) => format!("follows {}", joints[mimic.source].name()),
         None => "does not move the hand and keeps its value in q_start".to_owned(),
