@@ -101,6 +101,24 @@ proptest! {
             }
             true
         });
+        // A survey leaves out the pairs that were looked at alone since the last placement, and only these.
+        let listed = |batch: &mut Batch| {
+            let mut found = Vec::new();
+            screen.survey(batch, &needs, reach, |s| {
+                found.push((s.group, s.other));
+                true
+            });
+            found
+        };
+        let whole = listed(&mut batch);
+        for alone in whole.iter().copied().take(3) {
+            screen.place(&mut batch);
+            screen.look_at(&mut batch, &needs, alone, |_| true);
+            let rest: Vec<_> = whole.iter().copied().filter(|pair| *pair != alone).collect();
+            prop_assert_eq!(listed(&mut batch), rest);
+        }
+        screen.place(&mut batch);
+        prop_assert_eq!(listed(&mut batch), whole);
         let mut poses = Vec::new();
         for (lane, (a, b, c)) in q.iter().enumerate() {
             robot.link_poses(&[*a, *b, *c], &mut poses).unwrap();

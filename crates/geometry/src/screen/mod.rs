@@ -144,6 +144,10 @@ pub struct Batch {
     ready: Vec<bool>,
     /// Whether no prismatic joint exceeds its travel.
     within_travel: bool,
+    /// For each pair, the placement in which it was last examined alone.
+    examined: Vec<u64>,
+    /// Number of placements so far.
+    placements: u64,
     near: Vec<u32>,
     open: Vec<bool>,
     bounds: Vec<F32x8>,
@@ -160,8 +164,9 @@ impl Batch {
 
     /// Sets the value of one joint (rad or m) in every lane. All lanes must have been [set](Self::set) before.
     pub fn set_joint(&mut self, screen: &Screen, joint: usize, values: [f64; LANES]) {
-        if let Some(lanes) = self.q.get_mut(joint) {
-            *lanes = F32x8::new(values.map(|value| screen.turned(joint, value)));
+        let Some(lanes) = self.q.get_mut(joint) else { return };
+        for (lane, value) in values.into_iter().enumerate() {
+            lanes.set(lane, screen.turned(joint, value));
         }
     }
 }

@@ -28,8 +28,13 @@ impl Screen {
 
     #[inline(always)]
     fn place_around(&self, batch: &mut Batch) {
-        batch.around.clear();
-        batch.around.extend(self.groups.iter().map(|g| batch.frames[g.link].point(&g.around.center)));
+        // No closure is used here: closures may not be inlined, and then are not compiled for wide vectors.
+        batch.around.resize(self.groups.len(), [F32x8::ZERO; 3]);
+        for (around, group) in batch.around.iter_mut().zip(&self.groups) {
+            *around = batch.frames[group.link].point(&group.around.center);
+        }
+        batch.examined.resize(self.groups.len() * (self.solids.len() + self.clouds.len()) + self.pairs.len(), 0);
+        batch.placements = batch.placements.wrapping_add(1);
         batch.centers.resize(self.balls.len(), [F32x8::ZERO; 3]);
         // A NaN must not count as within the travel.
         batch.within_travel = true;
@@ -53,7 +58,8 @@ impl Screen {
     }
 
     /// Calls `visit` for each pair whose distance, in some lane, may be less than the required distance plus `reach`
-    /// (m). `visit` returns whether to continue.
+    /// (m). `visit` returns whether to continue. Pairs that were [examined alone](Self::look_at) since the last
+    /// [placement](Self::place) are left out.
     pub fn survey(
         &self,
         batch: &mut Batch,
@@ -117,6 +123,9 @@ impl Screen {
                     (None, Some(own)) => own[k] as usize,
                     (None, None) => k,
                 };
+                if batch.examined[group * self.solids.len() + e] == batch.placements {
+                    continue;
+                }
                 whole = self.against_solid(group, e, row[self.body_of[e]], batch, reach, visit);
                 if !whole {
                     break;
@@ -134,17 +143,34 @@ impl Screen {
                         continue;
                     }
                 }
+                if batch.examined[self.place_of(group, Other::Cloud(c))] == batch.placements {
+                    continue;
+                }
                 if !self.against_cloud(group, c, row[cloud.body], batch, reach, visit) {
                     return false;
                 }
             }
         }
         for pair in 0..self.pairs.len() {
+            if batch.examined[self.place_of(0, Other::Pair(pair))] == batch.placements {
+                continue;
+            }
             if !self.against_group(pair, needs.pairs[pair], batch, reach, visit) {
                 return false;
             }
         }
         true
+    }
+
+    /// Index of a pair in `Batch::examined`.
+    #[inline(always)]
+    fn place_of(&self, group: usize, other: Other) -> usize {
+        let (groups, solids) = (self.groups.len(), self.solids.len());
+        match other {
+            Other::Element(e) => group * solids + e,
+            Other::Cloud(c) => groups * solids + group * self.clouds.len() + c,
+            Other::Pair(pair) => groups * (solids + self.clouds.len()) + pair,
+        }
     }
 
     #[inline(always)]
@@ -307,6 +333,7 @@ impl Screen {
             }
         }
         let need = self.needed(needs, group, other);
+        batch.examined[self.place_of(group, other)] = batch.placements;
         wide(Work { screen: self, batch, group, other, need, visit: &mut visit })
     }
 

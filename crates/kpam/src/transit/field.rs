@@ -121,9 +121,14 @@ impl<'s> Field<'s> {
         world.screen.place(&mut self.batch);
         self.suspects.clear();
         let Self { batch, suspects, latest, poses, q, rows, needs, scene, model, .. } = self;
+        // The lane for which the poses were computed last.
+        let mut posed = usize::MAX;
         let mut keeps = |s: &Suspect, lane: usize| {
-            model.map().positions(&rows[lane], q);
-            Compiled::poses(scene, q, poses);
+            if posed != lane {
+                model.map().positions(&rows[lane], q);
+                Compiled::poses(scene, q, poses);
+                posed = lane;
+            }
             world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
         };
         // Finds a lane in which a pair is certainly too close. A pair that probably overlaps deeply is measured.
@@ -137,6 +142,7 @@ impl<'s> Field<'s> {
         for k in 0..latest.len() {
             world.screen.look_at(batch, needs, latest[k], |s| {
                 hit = struck(s);
+                suspects.push(*s);
                 true
             });
             if hit.is_some() {
@@ -159,22 +165,15 @@ impl<'s> Field<'s> {
         }
         // Pairs with the deepest estimated overlap are measured first, because they are the likeliest collisions.
         let deepest = |s: &Suspect| s.gap[..count].iter().copied().fold(f32::INFINITY, f32::min);
-        self.suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
-        let mut posed = usize::MAX;
-        for s in self.suspects.iter() {
-            let apart = world.screen.needed(&self.needs, s.group, s.other);
+        suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
+        for s in suspects.iter() {
             for lane in 0..count {
                 // A NaN must not count as collision-free.
                 if s.gap[lane] >= 0.0 {
                     continue;
                 }
-                if posed != lane {
-                    self.model.map().positions(&self.rows[lane], &mut self.q);
-                    Compiled::poses(self.scene, &self.q, &mut self.poses);
-                    posed = lane;
-                }
-                if !world.screen.keeps(s.group, s.other, &self.poses, apart) {
-                    remember(&mut self.latest, (s.group, s.other));
+                if !keeps(s, lane) {
+                    remember(latest, (s.group, s.other));
                     return Some(lane);
                 }
             }
