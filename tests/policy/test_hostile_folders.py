@@ -108,22 +108,21 @@ DAMAGES = (_pipe, _folder, _huge, _cut, _names_code)
 
 
 def damaged(folder: Path, kinds: tuple[str, ...]) -> Iterator[tuple[Path, str]]:
-    """Yield copies of a folder with one file of each kind damaged in two of the ways, and a description of the damage.
+    """Yield copies of a folder with one file of each kind damaged, and a description of the damage.
 
-    The ways take turns from kind to kind, so that all of them occur.
+    The damages take turns from kind to kind, so that all of them occur.
     """
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     for number, kind in enumerate(kinds):
-        ways = (DAMAGES[number % len(DAMAGES)], DAMAGES[(number + 2) % len(DAMAGES)])
+        damage = DAMAGES[number % len(DAMAGES)]
         for name in fnmatch.filter(files, kind)[:1]:
-            for damage in ways:
-                copy = folder.parent / "copy"
-                shutil.rmtree(copy, ignore_errors=True)
-                shutil.copytree(folder, copy)
-                before, path = (copy / name).read_bytes(), copy / name
-                damage(path)
-                if not path.is_file() or path.stat().st_size != len(before) or path.read_bytes() != before:
-                    yield copy, f"{name}: {damage.__name__}"
+            copy = folder.parent / "copy"
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(folder, copy)
+            before, path = (copy / name).read_bytes(), copy / name
+            damage(path)
+            if not path.is_file() or path.stat().st_size != len(before) or path.read_bytes() != before:
+                yield copy, f"{name}: {damage.__name__}"
 
 
 def outcomes(words: list[str], copies: Iterator[tuple[Path, str]], capfd: Any, canary: Path) -> dict[str, object]:
