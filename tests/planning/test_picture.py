@@ -102,3 +102,13 @@ def test_both_views_show_the_whole_hand_and_a_target_out_of_reach(
     for each in drawn:
         pixels = np.array([each._project(point)[:2] for point in hand])
         assert 0 <= pixels.min() <= pixels.max() <= OVERSAMPLING * SIZE
+
+
+def test_the_edges_of_a_white_box_are_drawn() -> None:
+    box = Surface.box((0.0, 0.0, 0.0), (0.1, 0.1, 0.1), (255, 255, 255))
+    # The camera looks at the middle of one vertical edge, whose two faces have the same angle to the camera.
+    picture = np.asarray(Drawing([(box, np.eye(4))], (0.6, 0.6, 0.0), (0.0, 0.0, 0.0), 101).picture()).mean(axis=2)
+    row = picture[50]
+    left, right = row[35:45].mean(), row[56:66].mean()
+    assert row[49:52].min() < 0.8 * min(left, right)
+    assert np.ptp(row[35:45]) < 8.0

@@ -23,6 +23,12 @@ AMBIENT = np.float32(0.42)
 LAMPS = (((0.8, -0.5, -1.3), 0.5), ((-0.4, 0.8, -1.0), 0.25))
 """Directions in the base frame in which light falls, and its brightness; with the ambient light a table keeps its
 color."""
+EDGE_TURN, EDGE_STEP, EDGE_SHADE = 0.85, 0.02, np.float32(0.6)
+"""Two neighbouring pixels lie on two sides of an edge if the cosine of the angle between their normals is smaller than
+``EDGE_TURN``, or if the depth changes by more than the fraction ``EDGE_STEP``. Edges are drawn in the colour of the
+surface times ``EDGE_SHADE``, so that the parts of a white object are distinguishable."""
+FAR = np.float32(1e6)
+"""Depth (m) of pixels that see no surface."""
 
 FIELD_OF_VIEW = float(np.deg2rad(36))
 OVERSAMPLING = 2
@@ -45,9 +51,28 @@ def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
     for direction, brightness in LAMPS:
         lamp = -np.asarray(direction, np.float32) / np.float32(np.linalg.norm(direction))
         light += np.float32(brightness) * (normals @ lamp).clip(min=0.0)
+    light[_edges(view, seen, normals)] *= EDGE_SHADE
     picture = np.full((len(rays), 3), SKY, dtype=np.uint8)
     picture[seen] = np.minimum(view.colors_at(seen) * light[:, None], np.float32(255.0))
     return picture.reshape(*view.face.shape, 3)
+
+
+def _edges(view: RaycastView, seen: npt.NDArray[np.int64], normals: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """Return which of the seen pixels lie on the near side of an edge: a step in depth, or a fold of the surface."""
+    shape = view.face.shape
+    turned = np.zeros((shape[0] * shape[1], 3), np.float32)
+    turned[seen] = normals
+    turned, depth = turned.reshape(*shape, 3), np.where(view.face >= 0, view.depth, FAR)
+    found = np.zeros(shape, np.bool_)
+    for here, there in (
+        ((slice(1, None),), (slice(None, -1),)),
+        ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
+    ):
+        folded = (turned[here] * turned[there]).sum(axis=2) < EDGE_TURN
+        for near, far in ((here, there), (there, here)):
+            steps = depth[far] - depth[near] > EDGE_STEP * depth[near]
+            found[near] |= steps | (folded & (depth[near] <= depth[far]))
+    return found.reshape(-1)[seen]
 
 
 def fitting_distance(points: Array, away: Array) -> float:
