@@ -163,6 +163,26 @@ def noun(asset_class: str) -> str:
     return str(table["rigid"].get(asset_class) or _taken_apart(asset_class)[0])
 
 
+def parts(asset_class: str) -> tuple[str, ...]:
+    """Return the parts of an object of a class that people name, such as ``("lid",)`` for a box that opens."""
+    return tuple(_table()["articulated"].get(asset_class, {}).get("parts", ()))
+
+
+def articulated_classes() -> tuple[str, ...]:
+    """Return the articulated classes for which the package has words."""
+    return tuple(_table()["articulated"])
+
+
+def rigid_classes() -> tuple[str, ...]:
+    """Return the rigid classes for which the package has words."""
+    return tuple(_table()["rigid"])
+
+
+def synonyms(noun: str) -> tuple[str, ...]:
+    """Return other nouns for the objects that the package calls ``noun``."""
+    return tuple(_table()["synonyms"].get(noun, ()))
+
+
 def _taken_apart(asset_class: str) -> tuple[str, str | None]:
     """Split a class's name into the noun and the suffix that describes the motion."""
     parts = [part for part in re.split(r"[\W_]+", asset_class) if part]

@@ -1,0 +1,426 @@
+"""Parse a sentence into clauses: a verb with its modifiers, objects and prepositional phrases.
+
+Every word of a sentence must have a role. A word without a role makes the parser refuse the whole sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Literal
+
+from gensim2.instructions import vocabulary
+from gensim2.instructions.steps import Refusal, SentenceError
+from gensim2.instructions.vocabulary import Action, Noun, Words, longest, spelled
+from gensim2.objects import words
+
+Pronoun = Literal["it", "them", "there"]
+
+
+@dataclass(frozen=True)
+class Mention:
+    """A noun phrase.
+
+    Attributes:
+        text: the phrase as the user wrote it.
+        noun: the noun; None for a pronoun, and for a part whose object is not named.
+        part: part of the object, such as ``"lid"``.
+        pronoun: the pronoun, if the phrase is one.
+        state: ``"open"`` or ``"closed"`` if an adjective says so.
+    """
+
+    text: str
+    noun: Noun | None = None
+    part: str | None = None
+    pronoun: Pronoun | None = None
+    state: str | None = None
+
+
+THERE = Mention("there", pronoun="there")
+
+
+@dataclass
+class Clause:
+    """A verb with its objects.
+
+    Attributes:
+        text: the clause as the user wrote it.
+        verbs: the verbs; two verbs share their objects, as in "open and close the box".
+        modifiers: modifiers of the verb, in the order of the sentence.
+        half: whether the clause has a modifier such as "halfway".
+        objects: direct objects.
+        into, onto, to, source: objects of the prepositional phrases.
+        direction: direction in which an object is handed over.
+    """
+
+    text: str
+    verbs: tuple[str, ...]
+    modifiers: list[str] = field(default_factory=list)
+    half: bool = False
+    objects: list[Mention] = field(default_factory=list)
+    into: Mention | None = None
+    onto: Mention | None = None
+    to: Mention | None = None
+    source: Mention | None = None
+    direction: str | None = None
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """Actions that the verbs stand for.
+
+        Raises:
+            SentenceError: a verb does not go with the modifiers.
+        """
+        return tuple(self._action(verb) for verb in self.verbs)
+
+    def _action(self, verb: str) -> Action:
+        parts = {each.part for each in self.objects}
+        if verb == "leave":
+            if self.half and self.modifiers in ([], ["open"]):
+                return Action.CLOSE
+            raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, "say 'leave the door ajar', or what to do")
+        found = vocabulary.VERBS[verb].get(tuple(sorted(set(self.modifiers))))
+        if found is None:
+            raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, f"{verb!r} does not go with the other words")
+        if found in (Action.LIFT, Action.LOWER) and parts & vocabulary.COVERS:
+            return Action.OPEN if found is Action.LIFT else Action.CLOSE
+        if found is Action.PUSH and parts & vocabulary.PRESSED:
+            return Action.PRESS
+        if found in (Action.PUT, Action.TAKE) and parts & vocabulary.COVERS:
+            return Action.CLOSE if found is Action.PUT else Action.OPEN
+        return found
+
+
+class ClauseParser:
+    """Parser of the clauses of one sentence.
+
+    Args:
+        sentence: the sentence as words, without its reason.
+    """
+
+    def __init__(self, sentence: Words) -> None:
+        self._words, self._at = sentence, 0
+
+    def clauses(self) -> list[Clause]:
+        """Return the clauses in the order of the sentence.
+
+        Raises:
+            SentenceError: a part of the sentence is not understood.
+        """
+        found: list[Clause] = []
+        while True:
+            self._skip(_CONNECTORS, _POLITE, _NEUTRAL)
+            if self._at == len(self._words):
+                return found
+            start = self._at
+            if found and (more := self._continuation(found[-1])) is not None:
+                found.append(more)
+                continue
+            verbs = self._verbs()
+            if not verbs:
+                raise self._no_verb(start)
+            clause = Clause("", verbs)
+            self._complete(clause)
+            clause.text = self._text(start)
+            if self._comes("but", "leave", "it", "ajar"):
+                clause.half = True
+            found.append(clause)
+
+    def next_mention(self) -> Mention | None:
+        """Return the next noun phrase with a known noun, and skip the words before it; None if there is no other."""
+        while self._at < len(self._words):
+            found = self._phrase(self._at, take=True)
+            if found is not None and found.noun is not None:
+                return found
+            self._at += 1
+        return None
+
+    def mention(self, attach: frozenset[str]) -> Mention | None:
+        """Read a noun phrase, if one begins at the current word.
+
+        Args:
+            attach: prepositions that may join a part to its object, as in "the lid of the box".
+        """
+        start = self._at
+        if self._word() in vocabulary.IT | vocabulary.THEM:
+            pronoun: Pronoun = "it" if self._word() in vocabulary.IT else "them"
+            # "this" and "both" are also determiners
+            after = self._phrase(start + 1)
+            if after is None or self._word() in ("it", "them"):
+                self._at = start + 1
+                return Mention(self._words[start], pronoun=pronoun)
+        return self._phrase(start, attach, take=True)
+
+    def _phrase(self, start: int, attach: frozenset[str] = frozenset(), take: bool = False) -> Mention | None:
+        """Return the noun phrase that begins at the word ``start``; with ``take``, also move behind it."""
+        before, self._at = self._at, start
+        found = self._noun_phrase(attach)
+        if found is None or not take:
+            self._at = before
+        return found
+
+    def _noun_phrase(self, attach: frozenset[str]) -> Mention | None:
+        start, state = self._at, None
+        while self._word() in vocabulary.DETERMINERS:
+            self._at += 1
+        while True:
+            if (length := longest(self._at, self._words, _NOUNS)) > 0:
+                noun = vocabulary.nouns()[self._words[self._at : self._at + length]]
+                # "door" is a noun, and a part of other objects
+                is_part = self._words[self._at] in vocabulary.parts() and self._joins(self._at + 1, attach)
+                if not is_part:
+                    self._at += length
+                    if self._word() == "'s":
+                        self._at += 1
+                    part = self._own_part(noun)
+                    return Mention(self._text(start), noun, part, state=state)
+            if self._word() in vocabulary.parts():
+                part, self._at = self._word(), self._at + 1
+                if self._joins(self._at, attach):
+                    self._at += 1
+                    inner = self._noun_phrase(frozenset())
+                    assert inner is not None
+                    return Mention(self._text(start), inner.noun, part, state=state)
+                return Mention(self._text(start), part=part, state=state)
+            word = self._word()
+            if word in vocabulary.STATES:
+                state = vocabulary.STATES[word]
+            elif word not in vocabulary.ADJECTIVES:
+                return None
+            self._at += 1
+
+    def _joins(self, at: int, attach: frozenset[str]) -> bool:
+        """Return whether a preposition and the object of a part come at the word ``at``."""
+        if at >= len(self._words) or self._words[at] not in attach:
+            return False
+        found = self._phrase(at + 1)
+        return found is not None and found.noun is not None
+
+    def _own_part(self, noun: Noun) -> str | None:
+        """Read a part that follows its object, as in "the microwave door"."""
+        word = self._word()
+        if any(word in words.parts(each) for each in noun.classes):
+            self._at += 1
+            return word
+        return None
+
+    def _verbs(self) -> tuple[str, ...]:
+        """Read one verb, or two verbs with the same objects; empty if no verb comes."""
+        first = self._word()
+        if first not in vocabulary.VERBS:
+            return ()
+        self._at += 1
+        if self._word() == "and" and self._word(1) in vocabulary.VERBS:
+            self._at += 2
+            return first, self._words[self._at - 1]
+        return (first,)
+
+    def _continuation(self, last: Clause) -> Clause | None:
+        """Read a clause that shares the verb of the clause before: "... and off again", or "... and the pear on the
+        plate".
+        """
+        start, verb = self._at, last.verbs[-1]
+        modifier = self._modifier()
+        self._skip(_NEUTRAL)
+        if modifier is not None and modifier != "half" and self._ends():
+            return Clause(self._text(start), (verb,), [modifier], objects=list(last.objects))
+        self._at = start
+        if self._word() in vocabulary.VERBS and self._phrase(start) is None:
+            return None
+        clause = Clause("", (verb,))
+        if self._phrase(start) is None or Action.PUT not in vocabulary.VERBS[verb].values():
+            return None
+        self._complete(clause)
+        clause.text = self._text(start)
+        return clause
+
+    def _complete(self, clause: Clause) -> None:
+        """Read everything that belongs to the verb of a clause."""
+        attach = frozenset(("of",)) if self._puts(clause) else frozenset(("of", "on", "off", "from"))
+        while not self._ends():
+            if clause.objects and self._prepositional(clause):
+                continue
+            if not clause.objects and self._objects(clause, attach):
+                continue
+            if self._by_part():
+                continue
+            if self._comes("half", "open"):
+                clause.half = True
+                clause.modifiers.append("open")
+                continue
+            modifier = self._modifier()
+            if modifier is not None:
+                clause.half |= modifier == "half"
+                clause.modifiers += [modifier] if modifier != "half" else []
+                continue
+            if self._skip(_NEUTRAL):
+                continue
+            if clause.objects and self._comes("but", "leave", "it", "ajar"):
+                clause.half = True
+                continue
+            raise self._unknown(clause)
+
+    def _puts(self, clause: Clause) -> bool:
+        """Return whether the verb can take a destination, so that "on" does not join a part to its object."""
+        return any(Action.PUT in vocabulary.VERBS[verb].values() for verb in clause.verbs)
+
+    def _objects(self, clause: Clause, attach: frozenset[str]) -> bool:
+        """Read the direct objects of a verb, such as "the apple, the pear and the plum"."""
+        first = self.mention(attach)
+        if first is None:
+            return False
+        clause.objects.append(first)
+        while True:
+            before = self._at
+            comma, conjunction = self._comes(","), self._comes("and")
+            more = None
+            if (comma or conjunction) and not (self._word() in vocabulary.VERBS and self._phrase(self._at) is None):
+                more = self.mention(attach)
+            # A pronoun after "and" would be the object of another verb.
+            if more is None or more.pronoun is not None:
+                self._at = before
+                return True
+            clause.objects.append(more)
+
+    def _prepositional(self, clause: Clause) -> bool:
+        """Read a prepositional phrase or a word such as "there"."""
+        if Action.HAND in {a for verb in clause.verbs for a in vocabulary.VERBS[verb].values()}:
+            for direction, phrases in _HANDING.items():
+                if (length := longest(self._at, self._words, phrases)) > 0:
+                    self._at += length
+                    clause.direction = direction
+                    return True
+        puts = self._puts(clause)
+        takes = Action.TAKE in {a for verb in clause.verbs for a in vocabulary.VERBS[verb].values()}
+        for field_name, prepositions in (("into", _INTO), ("onto", _ONTO), ("to", _TO), ("source", _OUT_OF)):
+            for preposition in prepositions:
+                end = self._at + len(preposition)
+                if self._words[self._at : end] != preposition or getattr(clause, field_name) is not None:
+                    continue
+                before, self._at = self._at, end
+                found = self.mention(frozenset(("of",)))
+                if found is None or (found.noun is None and found.pronoun is None):
+                    self._at = before
+                    continue
+                setattr(clause, field_name, found)
+                return True
+        if puts and clause.into is None and clause.onto is None and clause.to is None:
+            length = longest(self._at, self._words, _THERE)
+            if length and self._words[self._at] != "away":
+                self._at += length
+                clause.into = THERE
+                return True
+        if takes and clause.source is None and self._comes("out"):
+            clause.source = THERE
+            return True
+        return False
+
+    def _by_part(self) -> bool:
+        """Read a phrase such as "by its handle"."""
+        if self._word() == "by" and self._word(1) in vocabulary.DETERMINERS and self._word(2) in vocabulary.parts():
+            self._at += 3
+            return True
+        return False
+
+    def _modifier(self) -> str | None:
+        """Read a modifier, such as "off" or "halfway", if one comes."""
+        best = max(_MODIFIERS, key=lambda name: longest(self._at, self._words, _MODIFIERS[name]))
+        length = longest(self._at, self._words, _MODIFIERS[best])
+        self._at += length
+        return best if length else None
+
+    def _skip(self, *groups: Sequence[Words]) -> bool:
+        """Skip phrases without meaning, and return whether there were any."""
+        start = self._at
+        while (length := max(longest(self._at, self._words, group) for group in groups)) > 0:
+            self._at += length
+        return self._at > start
+
+    def _comes(self, *phrase: str) -> bool:
+        """Read a phrase, if it comes next."""
+        if self._words[self._at : self._at + len(phrase)] != phrase:
+            return False
+        self._at += len(phrase)
+        return True
+
+    def _ends(self) -> bool:
+        """Return whether the clause ends at the current word."""
+        return self._at == len(self._words) or longest(self._at, self._words, _CONNECTORS) > 0
+
+    def _word(self, ahead: int = 0) -> str:
+        at = self._at + ahead
+        return self._words[at] if at < len(self._words) else ""
+
+    def _text(self, start: int) -> str:
+        return " ".join(self._words[start : self._at]).replace(" 's", "'s")
+
+    def _rest(self) -> str:
+        """Return the words up to the next connector, for error messages."""
+        start, end = self._at, self._at
+        while end < len(self._words) and (end == start or longest(end, self._words, _CONNECTORS) == 0):
+            end += 1
+        return " ".join(self._words[start:end]).replace(" 's", "'s")
+
+    def _no_verb(self, start: int) -> SentenceError:
+        self._at = start
+        return SentenceError(Refusal.UNKNOWN_VERB, self._rest(), known_verbs())
+
+    def _unknown(self, clause: Clause) -> SentenceError:
+        """Return the error for a word in a clause that has no role."""
+        rest = self._rest()
+        follows_determiner = self._word() in vocabulary.DETERMINERS
+        if not clause.objects or follows_determiner or self._words[self._at - 1] in _PREPOSITIONS:
+            return SentenceError(Refusal.UNKNOWN_OBJECT, rest, known_objects())
+        if longest(self._at, self._words, [*_INTO, *_ONTO, *_TO, *_OUT_OF]):
+            return SentenceError(Refusal.UNKNOWN_OBJECT, rest, known_objects())
+        return SentenceError(Refusal.NOT_UNDERSTOOD, rest, "leave these words out, or use other words")
+
+
+def known_verbs() -> str:
+    """Return the hint that lists what the program can do."""
+    return (
+        "I know how to open, close, turn on, turn off, push, pull, press, lift, lower and swing objects, to put things "
+        "into or onto others, and to take them out"
+    )
+
+
+def known_objects() -> str:
+    """Return the hint that lists the objects."""
+    names = dict.fromkeys(each.name for each in vocabulary.nouns().values() if not each.rigid)
+    return f"I know {', '.join(names)}, and things such as apple, mug, marker or tennis ball"
+
+
+def _group(phrases: Sequence[str]) -> list[Words]:
+    return [spelled(each) for each in phrases]
+
+
+_CONNECTORS = _group(vocabulary.CONNECTORS)
+_POLITE = _group(vocabulary.POLITE)
+_NEUTRAL = _group(vocabulary.NEUTRAL)
+_NOUNS = list(vocabulary.nouns())
+_INTO, _ONTO, _TO = _group(vocabulary.INTO), _group(vocabulary.ONTO), _group(vocabulary.TO)
+_OUT_OF, _THERE = _group(vocabulary.OUT_OF), _group(vocabulary.THERE)
+_PREPOSITIONS = {each[-1] for each in (*_INTO, *_ONTO, *_TO, *_OUT_OF)}
+_MODIFIERS = {name: _group(phrases) for name, phrases in vocabulary.MODIFIERS.items()}
+_HANDING = {name: _group(phrases) for name, phrases in vocabulary.HANDING.items()}
+
+
+@cache
+def without_reason(sentence: Words) -> Words:
+    """Return a sentence without its reason, such as "so that it can dry" or "to tidy the desk"."""
+    for start in range(1, len(sentence)):
+        if longest(start, sentence, _group(vocabulary.REASONS)):
+            return sentence[:start]
+    for purpose in _purposes():
+        if sentence[-len(purpose) :] == purpose:
+            return sentence[: -len(purpose)]
+    return sentence
+
+
+@cache
+def _purposes() -> tuple[Words, ...]:
+    """Return the purposes in ``words.toml``, such as "to tidy the desk"."""
+    ends = [each.say.removeprefix("{}") for each in words.purposes()]
+    ends += [f"to {end}" for each in words.to_and_fro() if (end := each.sentence.partition(" to ")[2])]
+    return tuple(spelled(each) for each in ends)

@@ -1,0 +1,345 @@
+"""Parse an instruction in plain English into steps, without a language model.
+
+The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the nouns of ``objects/words.toml``. It
+understands articles, adjectives, lists ("the apple and the lemon"), pronouns ("it", "there"), omitted verbs ("turn the
+faucet on and off again") and reasons ("so that it can dry"). It refuses every sentence with a word that it does not
+know, with a negation, or with a request that no task of the library carries out. It never guesses the nearest task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gensim2.design.proposals import Direction
+from gensim2.instructions import vocabulary
+from gensim2.instructions.clauses import Clause, ClauseParser, Mention, known_objects, known_verbs, without_reason
+from gensim2.instructions.meanings import meaning, possible, solved
+from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
+from gensim2.instructions.vocabulary import Action, Noun, Words, spelled
+from gensim2.objects import words
+from gensim2.objects.words import articulated_classes, belongs
+
+MAX_CHARACTERS = 1000
+"""Maximum length of an instruction."""
+
+
+def parse(sentence: str) -> tuple[Step, ...]:
+    """Parse an instruction into steps.
+
+    Example:
+        ```python
+        for step in gensim2.parse("put the apple into the drawer and close it"):
+            print(step.text)
+        ```
+
+    Args:
+        sentence: instruction in English, such as ``"open the box, put the apple into it and close it"``.
+
+    Returns:
+        The steps in order.
+
+    Raises:
+        SentenceError: a part of the instruction is not understood, or no task of the library does it.
+    """
+    if len(sentence) > MAX_CHARACTERS:
+        raise SentenceError(Refusal.NOT_UNDERSTOOD, sentence[:40], f"use at most {MAX_CHARACTERS} characters")
+    spoken = spelled(sentence)
+    if not any(word.isalnum() for word in spoken):
+        raise SentenceError(Refusal.EMPTY, sentence.strip(), known_verbs())
+    spoken = without_reason(spoken)
+    negation = next((word for word in spoken if word in vocabulary.NEGATIONS), None)
+    if negation is not None:
+        raise SentenceError(Refusal.NEGATION, negation, "say only what to do")
+    reading = _Reading()
+    heading, body = _without_heading(spoken)
+    for mention in heading:
+        reading.hear(mention)
+    for clause in ClauseParser(body).clauses():
+        reading.add(clause)
+    return reading.steps()
+
+
+def _without_heading(sentence: Words) -> tuple[list[Mention], Words]:
+    """Split off a heading, as in "look into the box: open and close it". Return the objects that it names, and the
+    instructions.
+    """
+    if ":" not in sentence:
+        return [], sentence
+    end = len(sentence) - sentence[::-1].index(":")
+    named = []
+    parser = ClauseParser(sentence[: end - 1])
+    while (found := parser.next_mention()) is not None:
+        named.append(found)
+    return named, sentence[end:]
+
+
+@dataclass
+class _Held:
+    """A rigid object that the hand takes, before the sentence says where to put it."""
+
+    noun: Noun
+    source: str | None
+    clause: Clause
+
+
+class _Reading:
+    """Converts clauses to steps, and remembers the objects for pronouns."""
+
+    def __init__(self) -> None:
+        self._steps: list[Step] = []
+        self._heard: list[Noun] = []
+        self._group: list[Noun] = []
+        self._held: list[_Held] = []
+
+    def steps(self) -> tuple[Step, ...]:
+        """Return all steps.
+
+        Raises:
+            SentenceError: there are no steps, or an object is taken and not put anywhere.
+        """
+        self._let_go()
+        if not self._steps:
+            raise SentenceError(Refusal.EMPTY, "", known_verbs())
+        return tuple(self._steps)
+
+    def hear(self, mention: Mention) -> None:
+        """Remember an object, to which a pronoun may refer."""
+        if mention.noun is not None:
+            self._heard.append(mention.noun)
+
+    def add(self, clause: Clause) -> None:
+        """Add the steps of a clause.
+
+        Raises:
+            SentenceError: the clause cannot be done.
+        """
+        for action in clause.actions:
+            if action is Action.PUT:
+                self._put(clause)
+            elif action is Action.TAKE:
+                self._take(clause)
+            elif action is Action.HAND:
+                self._hand(clause)
+            else:
+                self._move(clause, action)
+
+    def _move(self, clause: Clause, action: Action) -> None:
+        """Add the steps that move joints, or that lift rigid objects."""
+        objects = list(clause.objects)
+        if action is Action.CLOSE and len(objects) == 1 and objects[0].part in vocabulary.COVERS:
+            # "put the lid on the pot" names the object after the preposition
+            target = clause.onto
+            if target is not None:
+                objects = [Mention(clause.text, target.noun, objects[0].part, target.pronoun)]
+        elif clause.into or clause.onto or clause.to or clause.source:
+            raise self._impossible(clause.text, None)
+        if not objects:
+            raise SentenceError(Refusal.INCOMPLETE, clause.text, "name the object")
+        for each in objects:
+            if action is Action.LIFT and self._lifts_rigid(each):
+                self._take(Clause(clause.text, clause.verbs, objects=[each]))
+                continue
+            self._let_go()
+            named = self._resolved(each, lambda noun, m=each: _move_of(noun, m, action, clause.half) is not None)
+            step = _move_of(named, each, action, clause.half)
+            if step is None or step not in solved():
+                raise self._impossible(clause.text, named)
+            self._steps.append(step)
+        self._group = self._heard[-len(objects) :]
+
+    def _lifts_rigid(self, mention: Mention) -> bool:
+        """Return whether a mention names a rigid object."""
+        if mention.part is not None:
+            return False
+        if mention.noun is not None:
+            return mention.noun.rigid
+        return bool(self._heard) and self._heard[-1].rigid
+
+    def _take(self, clause: Clause) -> None:
+        """Remember that the hand takes objects."""
+        if clause.into or clause.onto or clause.to or not clause.objects:
+            raise SentenceError(Refusal.NOT_UNDERSTOOD, clause.text, "say what to take, and then where to put it")
+        source = None
+        if clause.source is not None:
+            source = self._container(clause.source, clause.text)
+        taken = [noun for each in clause.objects for noun in self._rigid(each, clause)]
+        if source is not None:
+            self._heard.insert(len(self._heard) - len(taken), _noun_of(source))
+        for noun in taken:
+            held = next((each for each in self._held if each.noun is noun), None)
+            if held is None:
+                self._held.append(_Held(noun, source, clause))
+        self._group = taken
+
+    def _put(self, clause: Clause) -> None:
+        """Add the steps that put objects somewhere."""
+        if not clause.objects:
+            raise SentenceError(Refusal.INCOMPLETE, clause.text, "name the object to put there")
+        things = [noun for each in clause.objects for noun in self._rigid(each, clause)]
+        source = None if clause.source is None else self._container(clause.source, clause.text)
+        goal = clause.into or clause.onto or clause.to
+        if goal is None:
+            raise SentenceError(Refusal.INCOMPLETE, clause.text, "say into or onto what")
+        destination = self._destination(goal, clause)
+        for noun in things:
+            held = next((each for each in self._held if each.noun is noun), None)
+            if held is not None:
+                self._held.remove(held)
+            elif self._held:
+                self._let_go()
+            from_there = source or (None if held is None else held.source)
+            if from_there == destination:
+                raise SentenceError(Refusal.ORDER, clause.text, f"the {noun.name} is there already")
+            (thing,) = noun.classes
+            self._steps.append(Put(thing, destination, from_there))
+        self._group = things
+        # "it" after "put the apple into the drawer" can be the apple or the drawer, so both are remembered
+        self._heard.append(_noun_of(destination))
+
+    def _hand(self, clause: Clause) -> None:
+        """Add the steps that hand objects over."""
+        from gensim2.objects.words import handled
+
+        if clause.direction is None or not clause.objects:
+            remedy = "say 'to the person on the left', 'on the right' or 'across the table'"
+            raise SentenceError(Refusal.INCOMPLETE, clause.text, remedy)
+        direction: Direction = clause.direction  # type: ignore[assignment]
+        for each in clause.objects:
+            for noun in self._rigid(each, clause):
+                (thing,) = noun.classes
+                if thing not in handled("handed over"):
+                    known = ", ".join(words.noun(name) for name in handled("handed over"))
+                    raise SentenceError(Refusal.IMPOSSIBLE, clause.text, f"I can hand over: {known}")
+                self._held = [held for held in self._held if held.noun is not noun]
+                self._let_go()
+                self._steps.append(HandOver(thing, direction))
+
+    def _let_go(self) -> None:
+        """Finish objects that were picked up and not put anywhere.
+
+        Raises:
+            SentenceError: an object was taken out of another one, and the sentence does not say where to put it.
+        """
+        for held in self._held:
+            if held.source is not None:
+                remedy = f"say where to put the {held.noun.name}, for example 'and put it into the bowl'"
+                raise SentenceError(Refusal.INCOMPLETE, held.clause.text, remedy)
+            self._steps.append(Lift(held.noun.classes[0]))
+        if len(self._held) > 1 or (self._held and len(self._steps) > 1):
+            raise SentenceError(
+                Refusal.ORDER, self._held[0].clause.text, "the hand still holds an object; say where to put it"
+            )
+        self._held = []
+
+    def _rigid(self, mention: Mention, clause: Clause) -> list[Noun]:
+        """Return the rigid objects that a mention names.
+
+        Raises:
+            SentenceError: it names no rigid object.
+        """
+        if mention.pronoun == "them":
+            found = [noun for noun in self._group if noun.rigid]
+            if not found:
+                raise SentenceError(Refusal.AMBIGUOUS, mention.text, "name the objects")
+            return found
+        if mention.noun is None and mention.pronoun is None:
+            raise SentenceError(Refusal.AMBIGUOUS, mention.text, "say of which object")
+        noun = self._resolved(mention, lambda noun: noun.rigid and noun.classes[0] not in SUPPORTS)
+        if not noun.rigid or mention.part is not None:
+            raise self._impossible(clause.text, noun)
+        return [noun]
+
+    def _destination(self, mention: Mention, clause: Clause) -> str:
+        """Return the class into or onto which an object is put.
+
+        Raises:
+            SentenceError: objects cannot be put there.
+        """
+        noun = self._resolved(mention, lambda noun: bool(_places(noun)))
+        places = _places(noun)
+        if not places:
+            known = ", ".join(dict.fromkeys(words.noun(each) for each in _all_places()))
+            raise SentenceError(Refusal.IMPOSSIBLE, clause.text, f"I can put things into or onto: {known}")
+        (place,) = places
+        if mention.state == "closed":
+            raise SentenceError(Refusal.ORDER, clause.text, f"first say 'open the {noun.name}'")
+        if clause.onto is mention and place not in SUPPORTS:
+            raise SentenceError(Refusal.IMPOSSIBLE, clause.text, f"I can put things into the {noun.name}, not onto it")
+        return place
+
+    def _container(self, mention: Mention, text: str) -> str:
+        """Return the class of the container from which an object is taken.
+
+        Raises:
+            SentenceError: the mention names no container.
+        """
+        noun = self._resolved(mention, lambda noun: any(each not in SUPPORTS for each in _places(noun)))
+        places = [each for each in _places(noun) if each not in SUPPORTS]
+        if not places:
+            raise SentenceError(Refusal.IMPOSSIBLE, text, f"I cannot take things out of the {noun.name}")
+        return places[0]
+
+    def _resolved(self, mention: Mention, fits: Callable[[Noun], bool]) -> Noun:
+        """Return the noun of a mention, and remember it.
+
+        Args:
+            mention: a noun, a pronoun or a part.
+            fits: whether a pronoun or a part can refer to an object.
+
+        Raises:
+            SentenceError: a pronoun or a part refers to nothing.
+        """
+        noun = mention.noun
+        if noun is None or (mention.part is None and noun.name == "door" and self._door() is not None):
+            part = "door" if noun is not None else mention.part
+            noun = next(
+                (each for each in reversed(self._heard) if fits(each) and (part is None or _has(each, part))), noun
+            )
+        if noun is None and mention.part is not None:
+            owners = [each for each in _owners(mention.part) if fits(each)]
+            if len(owners) == 1:
+                noun = owners[0]
+        if noun is None:
+            raise SentenceError(Refusal.AMBIGUOUS, mention.text, "name the object")
+        self._heard.append(noun)
+        return noun
+
+    def _door(self) -> Noun | None:
+        """Return the latest object that has a door."""
+        return next((each for each in reversed(self._heard) if _has(each, "door")), None)
+
+    def _impossible(self, text: str, noun: Noun | None) -> SentenceError:
+        if noun is None:
+            return SentenceError(Refusal.NOT_UNDERSTOOD, text, known_verbs())
+        can = possible(noun)
+        if not can and noun.rigid:
+            return SentenceError(Refusal.IMPOSSIBLE, text, f"I can pick up the {noun.name} or put it somewhere")
+        return SentenceError(Refusal.IMPOSSIBLE, text, f"I can {', '.join(can)}" if can else known_objects())
+
+
+def _move_of(noun: Noun, mention: Mention, action: Action, half: bool) -> MoveJoint | None:
+    """Return what an action does to an object of a noun."""
+    return meaning(Mention(mention.text, noun, mention.part), action, half)
+
+
+def _places(noun: Noun) -> tuple[str, ...]:
+    """Return the classes of a noun into or onto which objects are put."""
+    return tuple(each for each in noun.classes if belongs(each))
+
+
+def _all_places() -> tuple[str, ...]:
+    return tuple(each for each in (*articulated_classes(), *SUPPORTS) if belongs(each))
+
+
+def _noun_of(asset_class: str) -> Noun:
+    return vocabulary.nouns()[spelled(words.noun(asset_class))]
+
+
+def _has(noun: Noun, part: str) -> bool:
+    return any(part in words.parts(each) for each in noun.classes)
+
+
+def _owners(part: str) -> list[Noun]:
+    """Return the nouns of objects with a part."""
+    return list(dict.fromkeys(each for each in vocabulary.nouns().values() if _has(each, part)))

@@ -1,0 +1,115 @@
+"""Find the joint goal that an action stands for: pressing a stapler closes its joint, pressing a toaster's lever opens
+one.
+
+The meanings are read from the sentences of ``objects/words.toml`` with the parser of instructions, so a new class of
+objects needs no code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+from gensim2.design.proposals import GOALS, joint_goal
+from gensim2.instructions import vocabulary
+from gensim2.instructions.clauses import ClauseParser, Mention, without_reason
+from gensim2.instructions.steps import MoveJoint
+from gensim2.instructions.vocabulary import Action, spelled
+from gensim2.objects import words
+from gensim2.objects.words import Goal, halfway
+from gensim2.tasks.library import load_task, task_names
+
+#: Actions that may replace an action for which an object has no meaning, in order of preference.
+_INSTEAD = {
+    Action.OPEN: (Action.SLIDE_OPEN, Action.TURN_ON),
+    Action.CLOSE: (Action.SLIDE_SHUT, Action.TURN_OFF),
+    Action.SLIDE_OPEN: (Action.OPEN,),
+    Action.SLIDE_SHUT: (Action.CLOSE,),
+    Action.TURN_ON: (Action.PRESS,),
+}
+
+#: Actions on a whole object, which differ from the same action on a part of it.
+_OF_WHOLE = (Action.LIFT, Action.LOWER, Action.PUSH, Action.PULL)
+
+
+@dataclass(frozen=True)
+class _Key:
+    """An action on an object.
+
+    Attributes:
+        noun: name of the object.
+        part: part of the object that the action moves; None for the object itself.
+        action, half: the action, and whether the joint stops halfway.
+    """
+
+    noun: str
+    part: str | None
+    action: Action
+    half: bool
+
+
+def meaning(mention: Mention, action: Action, half: bool) -> MoveJoint | None:
+    """Return the joint goal that an action on an object stands for; None if there is none.
+
+    Args:
+        mention: the object, with a noun.
+        action: the action.
+        half: whether the joint stops halfway.
+    """
+    if mention.noun is None or mention.noun.rigid:
+        return None
+    for each in (action, *_INSTEAD.get(action, ())):
+        for part in dict.fromkeys((mention.part, None)):
+            found = _meanings().get(_Key(mention.noun.name, part, each, half))
+            if found is not None and (mention.part is None or mention.part in words.parts(found.asset_class)):
+                return found
+    return None
+
+
+@cache
+def solved() -> dict[MoveJoint, str]:
+    """Return the joint goals that a task of the library reaches, with the name of the task. Tasks of the paper come
+    first.
+    """
+    found: dict[MoveJoint, str] = {}
+    for name in dict.fromkeys((*task_names("paper"), *task_names())):
+        goal = joint_goal(load_task(name))
+        if goal is not None:
+            found.setdefault(MoveJoint(*goal), name)
+    return found
+
+
+def possible(noun: vocabulary.Noun) -> list[str]:
+    """Return instructions for the objects of a noun that a task of the library carries out."""
+    return [each.text for each in solved() if each.asset_class in noun.classes]
+
+
+@cache
+def _meanings() -> dict[_Key, MoveJoint]:
+    exact: dict[_Key, MoveJoint] = {}
+    of_whole: dict[_Key, MoveJoint] = {}
+    for asset_class in words.articulated_classes():
+        for goal in GOALS:
+            sentence = _sentence(asset_class, goal)
+            if sentence is None:
+                continue
+            (clause,) = ClauseParser(without_reason(spelled(sentence))).clauses()
+            (action,) = clause.actions
+            mention = clause.onto if clause.onto is not None else clause.objects[0]
+            assert mention.noun is not None, sentence
+            part = mention.part or clause.objects[0].part
+            step = MoveJoint(asset_class, goal)
+            key = _Key(mention.noun.name, part, action, clause.half)
+            assert key not in exact, f"{sentence}: {exact[key]}"
+            exact[key] = step
+            if part is not None and action not in _OF_WHOLE:
+                of_whole.setdefault(_Key(mention.noun.name, None, action, clause.half), step)
+    return {**of_whole, **exact}
+
+
+def _sentence(asset_class: str, goal: Goal) -> str | None:
+    """Return the sentence of ``words.toml`` for a joint goal; None if people do not ask for it."""
+    if goal in ("half_open", "half_closed"):
+        phrase = halfway(asset_class, goal)
+        return None if phrase is None else phrase.sentence
+    return words.words(asset_class, goal).sentence
