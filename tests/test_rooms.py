@@ -27,6 +27,7 @@ ABOVE_SIM = (
     "gensim2_robot",
     "gensim2.design",
     "gensim2.inspection",
+    "gensim2.instructions",
 )
 FROM_SIM_UP = ("gensim2.sim", *ABOVE_SIM)
 #: Packages in order of dependency: each imports nothing of those after it.
@@ -37,6 +38,7 @@ UPWARDS = (
     "gensim2.policy",
     "gensim2.perception.estimation",
     "gensim2.design",
+    "gensim2.instructions",
     "gensim2.cli",
 )
 #: Packages within ``gensim2.objects`` with those that each may import; ``core`` is the modules beside them.

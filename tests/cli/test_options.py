@@ -125,6 +125,7 @@ def test_defaults_are_those_of_the_functions_behind() -> None:
         "benchmark": gensim2.benchmark,
         "collect": gensim2.collect,
         "demo": gensim2.demo,
+        "do": gensim2.do,
         "evaluate": gensim2.evaluate,
         "learn": policy.learn,
         "render": gensim2.render,

@@ -36,6 +36,7 @@ FAST = (
     "design/test_steering.py",
     "data/test_films.py",
     "inspection/test_rigid.py",
+    "instructions/test_grammar.py",
     "kpam/test_arms.py",
     "kpam/test_collision.py",
     "kpam/test_config.py",

@@ -39,6 +39,7 @@ EXTRAS = {
 COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
     "design": "gensim2.cli.design:design",
+    "do": "gensim2.cli.do:do",
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "view": "gensim2.cli.view:view",

@@ -401,21 +401,32 @@ _NEUTRAL = _group(vocabulary.NEUTRAL)
 _NOUNS = list(vocabulary.nouns())
 _INTO, _ONTO, _TO = _group(vocabulary.INTO), _group(vocabulary.ONTO), _group(vocabulary.TO)
 _OUT_OF, _THERE = _group(vocabulary.OUT_OF), _group(vocabulary.THERE)
+_REASONS = _group(vocabulary.REASONS)
 _PREPOSITIONS = {each[-1] for each in (*_INTO, *_ONTO, *_TO, *_OUT_OF)}
 _MODIFIERS = {name: _group(phrases) for name, phrases in vocabulary.MODIFIERS.items()}
 _HANDING = {name: _group(phrases) for name, phrases in vocabulary.HANDING.items()}
 
 
-@cache
 def without_reason(sentence: Words) -> Words:
-    """Return a sentence without its reason, such as "so that it can dry" or "to tidy the desk"."""
-    for start in range(1, len(sentence)):
-        if longest(start, sentence, _group(vocabulary.REASONS)):
-            return sentence[:start]
+    """Return a sentence without its reasons, such as "so that it can dry" or "to tidy the desk". A reason ends before
+    the next instruction.
+    """
     for purpose in _purposes():
         if sentence[-len(purpose) :] == purpose:
-            return sentence[: -len(purpose)]
-    return sentence
+            sentence = sentence[: -len(purpose)]
+    start = next((at for at in range(1, len(sentence)) if longest(at, sentence, _REASONS)), None)
+    if start is None:
+        return sentence
+    end = next((at for at in range(start, len(sentence)) if _begins_instruction(at, sentence)), len(sentence))
+    return (*sentence[:start], *without_reason(sentence[end:]))
+
+
+def _begins_instruction(at: int, sentence: Words) -> bool:
+    """Return whether a connector and a verb come at the word ``at``."""
+    first = at
+    while (length := longest(at, sentence, _CONNECTORS)) > 0:
+        at += length
+    return at > first and at < len(sentence) and sentence[at] in vocabulary.VERBS
 
 
 @cache

@@ -28,6 +28,12 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 #: Position (x, y) in metres between the robot and two objects that stand side by side.
 IN_FRONT = (-0.28, 0.0)
 
+#: Ranges of the start poses of articulated objects that share the table with other large objects.
+NARROW_ABOUT = Randomization(x=(-0.04, 0.04), y=(-0.04, 0.04), yaw=0.15)
+
+#: Mean and maximum deviation of the initial openness of a joint that is moved to one end and back.
+HALFWAY = (0.5, 0.15)
+
 MAX_STEPS = 8
 """Maximum number of steps of an instruction."""
 
@@ -205,13 +211,12 @@ class _Composition:
             raise SentenceError(Refusal.NO_ROOM, room, "split the instruction into parts with fewer objects")
         first, spots = self._places(articulated, supports, loose)
         for name in articulated:
-            place, about = first[name], self._openness(name)
-            if len(articulated) == 1 and not (supports and loose):
-                about |= {"x": (-0.05, 0.05), "y": (0.0, 0.05)}
-            else:
-                about |= {"x": (-0.04, 0.04), "y": (-0.04, 0.04), "yaw": 0.15}
+            is_alone = len(articulated) == 1 and not (supports and loose)
+            about = Randomization(x=(-0.05, 0.05), y=(0.0, 0.05)) if is_alone else NARROW_ABOUT
+            if (openness := self._openness(name)) is not None:
+                about = about.model_copy(update={"openness_mean": openness[0], "openness_spread": openness[1]})
             self._draft.objects[self._roles[name]] = ObjectSpec(
-                asset_class=name, place=place, randomization=Randomization(**about)
+                asset_class=name, place=first[name], randomization=about
             )
         for name in supports:
             self._draft.objects[self._roles[name]] = ObjectSpec(
@@ -245,17 +250,17 @@ class _Composition:
         at, yaw = PAIRED[0]
         return {articulated[0]: Place(at=at, yaw=yaw), supports[0]: Place(at=ASIDE)}, [BESIDE, IN_FRONT]
 
-    def _openness(self, name: str) -> dict[str, float]:
-        """Return the initial openness of an object, as fields of its randomization. A joint starts away from the goal
-        of the first step that moves it; a container that is used before it is moved starts open.
+    def _openness(self, name: str) -> tuple[float, float] | None:
+        """Return mean and spread of the initial openness of an object; None for the default openness. A joint starts
+        away from the goal of the first step that moves it. If the last step brings the joint back, the joint starts
+        halfway, because no goal may be met at the start. A container that is used before it is moved starts open.
         """
+        goals = [step.goal for step in self._steps if isinstance(step, MoveJoint) and step.asset_class == name]
+        if len(goals) > 1 and not any(isinstance(step, Put) for step in self._steps):
+            return HALFWAY
         for step in self._steps:
             if isinstance(step, MoveJoint) and step.asset_class == name:
-                mean, spread = SHUT_AT if step.goal in ("articulated_open", "half_open") else OPEN_AT
-                break
+                return SHUT_AT if step.goal in ("articulated_open", "half_open") else OPEN_AT
             if isinstance(step, Put) and name in (step.source, step.destination):
-                mean, spread = OPEN_AT
-                break
-        else:
-            return {}
-        return {"openness_mean": mean, "openness_spread": spread}
+                return OPEN_AT
+        return None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from gensim2.design.proposals import Direction
 from gensim2.instructions import vocabulary
@@ -18,7 +19,7 @@ from gensim2.instructions.meanings import meaning, possible, solved
 from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
 from gensim2.instructions.vocabulary import Action, Noun, Words, spelled
 from gensim2.objects import words
-from gensim2.objects.words import articulated_classes, belongs
+from gensim2.objects.words import articulated_classes, belongs, handled
 
 MAX_CHARACTERS = 1000
 """Maximum length of an instruction."""
@@ -29,7 +30,9 @@ def parse(sentence: str) -> tuple[Step, ...]:
 
     Example:
         ```python
-        for step in gensim2.parse("put the apple into the drawer and close it"):
+        from gensim2.instructions import parse
+
+        for step in parse("put the apple into the drawer and close it"):
             print(step.text)
         ```
 
@@ -98,7 +101,10 @@ class _Reading:
         Raises:
             SentenceError: there are no steps, or an object is taken and not put anywhere.
         """
-        self._let_go()
+        if len(self._held) == 1 and not self._steps and self._held[0].source is None:
+            (held,) = self._held
+            return (Lift(held.noun.classes[0]),)
+        self._require_empty_hand()
         if not self._steps:
             raise SentenceError(Refusal.EMPTY, "", known_verbs())
         return tuple(self._steps)
@@ -140,8 +146,8 @@ class _Reading:
             if action is Action.LIFT and self._lifts_rigid(each):
                 self._take(Clause(clause.text, clause.verbs, objects=[each]))
                 continue
-            self._let_go()
-            named = self._resolved(each, lambda noun, m=each: _move_of(noun, m, action, clause.half) is not None)
+            self._require_empty_hand()
+            named = self._resolved(each, partial(_can_move, mention=each, action=action, half=clause.half))
             step = _move_of(named, each, action, clause.half)
             if step is None or step not in solved():
                 raise self._impossible(clause.text, named)
@@ -187,7 +193,7 @@ class _Reading:
             if held is not None:
                 self._held.remove(held)
             elif self._held:
-                self._let_go()
+                self._require_empty_hand()
             from_there = source or (None if held is None else held.source)
             if from_there == destination:
                 raise SentenceError(Refusal.ORDER, clause.text, f"the {noun.name} is there already")
@@ -199,8 +205,6 @@ class _Reading:
 
     def _hand(self, clause: Clause) -> None:
         """Add the steps that hand objects over."""
-        from gensim2.objects.words import handled
-
         if clause.direction is None or not clause.objects:
             remedy = "say 'to the person on the left', 'on the right' or 'across the table'"
             raise SentenceError(Refusal.INCOMPLETE, clause.text, remedy)
@@ -212,25 +216,20 @@ class _Reading:
                     known = ", ".join(words.noun(name) for name in handled("handed over"))
                     raise SentenceError(Refusal.IMPOSSIBLE, clause.text, f"I can hand over: {known}")
                 self._held = [held for held in self._held if held.noun is not noun]
-                self._let_go()
+                self._require_empty_hand()
                 self._steps.append(HandOver(thing, direction))
 
-    def _let_go(self) -> None:
-        """Finish objects that were picked up and not put anywhere.
+    def _require_empty_hand(self) -> None:
+        """Check that no object was taken and not put anywhere.
 
         Raises:
-            SentenceError: an object was taken out of another one, and the sentence does not say where to put it.
+            SentenceError: the hand still holds an object.
         """
         for held in self._held:
-            if held.source is not None:
-                remedy = f"say where to put the {held.noun.name}, for example 'and put it into the bowl'"
-                raise SentenceError(Refusal.INCOMPLETE, held.clause.text, remedy)
-            self._steps.append(Lift(held.noun.classes[0]))
-        if len(self._held) > 1 or (self._held and len(self._steps) > 1):
+            remedy = f"say where to put the {held.noun.name}, for example 'and put it into the bowl'"
             raise SentenceError(
-                Refusal.ORDER, self._held[0].clause.text, "the hand still holds an object; say where to put it"
+                Refusal.INCOMPLETE if held.source is not None else Refusal.ORDER, held.clause.text, remedy
             )
-        self._held = []
 
     def _rigid(self, mention: Mention, clause: Clause) -> list[Noun]:
         """Return the rigid objects that a mention names.
@@ -321,6 +320,11 @@ class _Reading:
 def _move_of(noun: Noun, mention: Mention, action: Action, half: bool) -> MoveJoint | None:
     """Return what an action does to an object of a noun."""
     return meaning(Mention(mention.text, noun, mention.part), action, half)
+
+
+def _can_move(noun: Noun, mention: Mention, action: Action, half: bool) -> bool:
+    """Return whether an action has a meaning for the objects of a noun."""
+    return _move_of(noun, mention, action, half) is not None
 
 
 def _places(noun: Noun) -> tuple[str, ...]:

@@ -109,7 +109,7 @@ def _meanings() -> dict[_Key, MoveJoint]:
 
 def _sentence(asset_class: str, goal: Goal) -> str | None:
     """Return the sentence of ``words.toml`` for a joint goal; None if people do not ask for it."""
-    if goal in ("half_open", "half_closed"):
-        phrase = halfway(asset_class, goal)
-        return None if phrase is None else phrase.sentence
-    return words.words(asset_class, goal).sentence
+    if goal == "articulated_open" or goal == "articulated_closed":
+        return words.words(asset_class, goal).sentence
+    phrase = halfway(asset_class, goal)
+    return None if phrase is None else phrase.sentence

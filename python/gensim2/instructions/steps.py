@@ -33,8 +33,8 @@ class MoveJoint:
     @property
     def text(self) -> str:
         """The step as an instruction, such as ``"open the drawer"``."""
-        if self.goal in ("articulated_open", "articulated_closed"):
-            return words(self.asset_class, self.goal).sentence  # type: ignore[arg-type]
+        if self.goal == "articulated_open" or self.goal == "articulated_closed":
+            return words(self.asset_class, self.goal).sentence
         phrase = halfway(self.asset_class, self.goal)
         assert phrase is not None, f"no words for {self}"
         return phrase.sentence.partition(" so that ")[0]

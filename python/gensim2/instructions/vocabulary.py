@@ -1,7 +1,7 @@
 """Define the words that the parser of instructions knows: verbs, nouns, modifiers and function words.
 
-Nouns come from ``objects/words.toml``. The meaning of a verb for an object comes from the same file: its sentences, such
-as "press the stapler", say which end of a joint a verb stands for (:mod:`~gensim2.instructions.meanings`).
+Nouns come from ``objects/words.toml``. The meaning of a verb for an object comes from the same file: sentences such as
+"press the stapler" show for which end of a joint a verb stands (:mod:`~gensim2.instructions.meanings`).
 """
 
 from __future__ import annotations
@@ -148,19 +148,94 @@ CONNECTORS: Final = (
 
 #: Words that negate an instruction or except something from it.
 NEGATIONS: Final = frozenset(
-    "not no never nothing none neither nor without except unless avoid refuse stop refrain dont doesnt cannot cant "
-    "wont n't rather instead".split()
+    (
+        "not",
+        "no",
+        "never",
+        "nothing",
+        "none",
+        "neither",
+        "nor",
+        "without",
+        "except",
+        "unless",
+        "avoid",
+        "refuse",
+        "stop",
+        "refrain",
+        "dont",
+        "doesnt",
+        "cannot",
+        "cant",
+        "wont",
+        "n't",
+        "rather",
+        "instead",
+    )
 )
 
 #: Words that begin the reason of an instruction, which the parser leaves out.
 REASONS: Final = ("so that", "because", "in order to", "since", "to let", "to look", "for a quick look")
 
-DETERMINERS: Final = frozenset("a an the this that my your our his her its their both some one".split())
+DETERMINERS: Final = frozenset(
+    (
+        "a",
+        "an",
+        "the",
+        "this",
+        "that",
+        "my",
+        "your",
+        "our",
+        "his",
+        "her",
+        "its",
+        "their",
+        "both",
+        "some",
+        "one",
+    )
+)
 
 #: Adjectives that do not change which object is meant, because a scene has one object of each class.
 ADJECTIVES: Final = frozenset(
-    "small little big large tiny huge red green blue yellow white black brown grey gray silver golden wooden "
-    "metal plastic old new nice empty full ripe fresh whole kitchen bathroom office heavy clean dirty round".split()
+    (
+        "small",
+        "little",
+        "big",
+        "large",
+        "tiny",
+        "huge",
+        "red",
+        "green",
+        "blue",
+        "yellow",
+        "white",
+        "black",
+        "brown",
+        "grey",
+        "gray",
+        "silver",
+        "golden",
+        "wooden",
+        "metal",
+        "plastic",
+        "old",
+        "new",
+        "nice",
+        "empty",
+        "full",
+        "ripe",
+        "fresh",
+        "whole",
+        "kitchen",
+        "bathroom",
+        "office",
+        "heavy",
+        "clean",
+        "dirty",
+        "round",
+    )
 )
 
 #: Adjectives that state whether a container is open.
@@ -185,17 +260,26 @@ HANDING: Final = {
     "away": ("to the person across the table", "to the person across", "across the table", "across"),
 }
 
-_MOVES = {("away",): Action.PUSH, ("back",): Action.PUSH, ("closer",): Action.PULL}
-_SWITCH = {("on",): Action.TURN_ON, ("off",): Action.TURN_OFF}
-_SHUT = {("shut",): Action.CLOSE, ("in",): Action.CLOSE}
-_OPENED = {("open",): Action.OPEN}
-_OUT = {("out",): Action.OPEN, ("open", "out"): Action.OPEN}
-_PUT = {(): Action.PUT, ("back",): Action.PUT, ("away",): Action.PUT, ("in",): Action.PUT, ("down",): Action.LOWER}
-_TAKE = {(): Action.TAKE, ("out",): Action.TAKE, ("up",): Action.TAKE}
-_RAISE = {(): Action.LIFT, ("up",): Action.LIFT, ("off",): Action.OPEN, **_OPENED}
+Actions = dict[Words, Action]
+"""Actions of a verb, by its modifiers in alphabetical order, without "half"."""
 
-#: Actions of each verb, by the modifiers of the verb in alphabetical order, without "half".
-VERBS: Final[dict[str, dict[Words, Action]]] = {
+_MOVES: Actions = {("away",): Action.PUSH, ("back",): Action.PUSH, ("closer",): Action.PULL}
+_SWITCH: Actions = {("on",): Action.TURN_ON, ("off",): Action.TURN_OFF}
+_SHUT: Actions = {("shut",): Action.CLOSE, ("in",): Action.CLOSE}
+_OPENED: Actions = {("open",): Action.OPEN}
+_OUT: Actions = {("out",): Action.OPEN, ("open", "out"): Action.OPEN}
+_PUT: Actions = {
+    (): Action.PUT,
+    ("back",): Action.PUT,
+    ("away",): Action.PUT,
+    ("in",): Action.PUT,
+    ("down",): Action.LOWER,
+}
+_TAKE: Actions = {(): Action.TAKE, ("out",): Action.TAKE, ("up",): Action.TAKE}
+_RAISE: Actions = {(): Action.LIFT, ("up",): Action.LIFT, ("off",): Action.OPEN, **_OPENED}
+
+#: Actions of each verb.
+VERBS: Final[dict[str, Actions]] = {
     "open": {(): Action.OPEN, ("up",): Action.OPEN},
     "close": {(): Action.CLOSE, ("up",): Action.CLOSE},
     "shut": {(): Action.CLOSE, ("up",): Action.CLOSE, ("down",): Action.CLOSE},
@@ -333,5 +417,5 @@ PRESSED: Final = frozenset(("button", "lever"))
 
 
 def longest(at: int, sentence: Words, phrases: Sequence[Words]) -> int:
-    """Return the length of the longest of ``phrases`` that begins at word ``at`` of a sentence; 0 if none begins there."""
+    """Return the length of the longest of ``phrases`` that begins at word ``at`` of a sentence; 0 without any."""
     return max((len(each) for each in phrases if sentence[at : at + len(each)] == each), default=0)

@@ -1,0 +1,144 @@
+"""Measure how many instructions in plain English are understood, and how many of these are done in simulation.
+
+    python benchmarks/instructions.py --out runs/instructions --json instructions.json
+
+The sentences come from ``sentences.toml``, which also states the steps that a person means. An outcome counts as good
+if the parser finds these steps, or if it refuses the sentence with a reason; steps that the person does not mean count
+as wrong. Each understood sentence is then carried out in random scenes with new generated objects. The planner
+estimates the scene from point clouds if the sentence is about one articulated object, and knows the true scene
+otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tomllib
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gensim2
+from gensim2.core.progress import ConsoleProgress
+from gensim2.instructions.composing import Composed, compose
+from gensim2.instructions.doing import is_estimable
+from gensim2.instructions.grammar import parse
+from gensim2.instructions.steps import Lift, MoveJoint, Put, SentenceError, Step
+from gensim2.rollout.tally import interval
+from gensim2.tasks.exporting import write_task
+
+SENTENCES = Path(__file__).parent / "sentences.toml"
+
+
+def in_words(step: Step) -> str:
+    """Return a step in the notation of ``sentences.toml``."""
+    if isinstance(step, MoveJoint):
+        return f"{step.goal.removeprefix('articulated_')} {step.asset_class}"
+    if isinstance(step, Put):
+        return f"put {step.thing} {step.destination}" + (f" from {step.source}" if step.source else "")
+    return f"lift {step.thing}" if isinstance(step, Lift) else f"hand {step.thing} {step.direction}"
+
+
+def read(say: str, meant: Sequence[str], library: gensim2.Library) -> tuple[dict[str, Any], Composed | None]:
+    """Parse a sentence, and return its row of the table with the task that carries it out."""
+    row: dict[str, Any] = {"say": say, "meant": list(meant), "steps": [], "reason": None, "task": None, "scene": None}
+    try:
+        steps = parse(say)
+        composed = compose(steps, library, "panda")
+    except SentenceError as error:
+        row |= {"outcome": "refused", "reason": str(error).partition(" (")[0]}
+        return row, None
+    row["steps"] = [in_words(step) for step in steps]
+    row["outcome"] = "as meant" if row["steps"] == row["meant"] else "not as meant"
+    row["task"] = composed.task.name
+    row["scene"] = "perceived" if is_estimable(steps) else "true"
+    return row, composed if row["outcome"] == "as meant" else None
+
+
+def measure(rows: list[dict[str, Any]], tasks: dict[str, Composed], out: Path, arguments: argparse.Namespace) -> None:
+    """Run the tasks of all understood sentences, and add the results to their rows."""
+    for scene in ("perceived", "true"):
+        names = sorted({row["task"] for row in rows if row["task"] in tasks and row["scene"] == scene})
+        if not names:
+            continue
+        for name in names:
+            write_task(out / "written" / name, tasks[name].task, tasks[name].strategies)
+        with ConsoleProgress() as progress:
+            result = gensim2.benchmark(
+                [str(out / "written" / name) for name in names],
+                runs=1,
+                episodes=arguments.episodes,
+                seed=arguments.seed,
+                out=out / scene,
+                resume=(out / scene / "run.json").exists(),
+                workers=arguments.workers,
+                assets="builtin",
+                instances="new",
+                scene_source=scene,
+                progress=progress,
+            )
+        found = {row.task.name: row.episodes for row in result.rows}
+        for row in rows:
+            if row["task"] in found and row["scene"] == scene:
+                episodes = found[row["task"]]
+                row["episodes"] = len(episodes)
+                row["held"] = sum(each.held for each in episodes)
+                row["strict"] = sum(each.strict for each in episodes)
+                row["stopped"] = sum(not each.truncated for each in episodes)
+                row["causes"] = dict(Counter(str(each.cause) for each in episodes if each.cause is not None))
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures over all sentences, with 95 % intervals."""
+    outcomes = Counter(row["outcome"] for row in rows)
+    good = outcomes["as meant"] + outcomes["refused"]
+    asked = [row for row in rows if row["meant"]]
+    figures: dict[str, Any] = {
+        "sentences": len(rows),
+        "outcomes": dict(outcomes),
+        "as meant or refused": [good, *interval(good, len(rows))],
+        "meant as steps": len(asked),
+        "meant as steps and understood": sum(row["outcome"] == "as meant" for row in asked),
+        "to be refused and refused": sum(row["outcome"] == "refused" for row in rows if not row["meant"]),
+    }
+    for scene in ("perceived", "true", None):
+        done = [row for row in rows if "held" in row and scene in (row["scene"], None)]
+        episodes = sum(row["episodes"] for row in done)
+        if episodes:
+            held = sum(row["held"] for row in done)
+            figures[f"held, {scene or 'all'} scenes"] = [held, episodes, *interval(held, episodes)]
+            figures[f"strict, {scene or 'all'} scenes"] = [sum(row["strict"] for row in done), episodes]
+            figures[f"stopped, {scene or 'all'} scenes"] = [sum(row["stopped"] for row in done), episodes]
+    return figures
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sentences", type=Path, default=SENTENCES)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--episodes", type=int, default=1, help="episodes of each sentence; 0 only parses")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1)
+    arguments = parser.parse_args()
+    library = gensim2.open_library("builtin")
+    rows, tasks = [], dict[str, Composed]()
+    for each in tomllib.loads(arguments.sentences.read_text())["sentences"]:
+        row, composed = read(each["say"], each["meant"], library)
+        rows.append(row)
+        if composed is not None:
+            tasks[composed.task.name] = composed
+    if arguments.episodes:
+        measure(rows, tasks, arguments.out, arguments)
+    result = {"figures": summary(rows), "sentences": rows}
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(result, indent=1) + "\n")
+    for row in rows:
+        told = f"{row['held']} of {row['episodes']} held" if "held" in row else row["reason"] or row["steps"]
+        print(f"{row['outcome']:13} {row['say']}  [{told}]")
+    print(json.dumps(result["figures"], indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Tasks that are composed from the steps of an instruction."""
+
+from __future__ import annotations
+
+import pytest
+
+from gensim2.design.drafting import chains
+from gensim2.instructions.composing import compose
+from gensim2.instructions.grammar import parse
+from gensim2.instructions.steps import Refusal, SentenceError
+from gensim2.objects import Library
+from gensim2.planning.strategies import parse_strategy
+from gensim2.tasks.library import load_task
+
+ROBOT = "panda"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "OpenDrawer",
+        "PushToasterForward",
+        "PickUpMug",
+        "HandCanOfTunaToTheLeft",
+        "DropAppleIntoBox",
+        "StoreLemonInRefrigerator",
+        "PutPlumAwayInRefrigerator",
+        "CollectGolfBallAndGoldBarInSafe",
+        "FetchBaseballFromBox",
+        "MoveRubiksCubeFromBoxToDrawerAndCloseIt",
+        "LayTableWithAppleAndPear",
+        "TurnOnFaucetAndPutLemonInBowl",
+        "LookIntoDrawer",
+        "CloseSuitcaseAndCloseSafe",
+    ],
+)
+def test_the_description_of_a_library_task_gives_this_task(library: Library, name: str) -> None:
+    found = compose(parse(load_task(name).description), library, ROBOT)
+    assert found.is_from_library
+    assert found.task == load_task(name)
+
+
+def test_a_new_combination_has_the_steps_of_the_sentence(library: Library) -> None:
+    found = compose(parse("open the safe, put the golf ball into it and close it"), library, ROBOT)
+    task = found.task
+    assert not found.is_from_library
+    assert [(step.object, step.tool) for step in task.steps] == [
+        ("safe", "hand"), ("golf_ball", "hand"), ("safe", "golf_ball"), ("safe", "hand"),
+    ]  # fmt: skip
+    assert [each.type for each in task.success] == ["distance_articulated_rigidbody", "articulated_closed"]
+    assert chains(task) == []
+    assert {name for step in task.steps for name in step.strategies} == set(found.strategies)
+    assert all(parse_strategy(data, name) for name, data in found.strategies.items())
+    assert (task.objects["safe"].randomization.openness_mean or 0.0) < 0.2, "a container that is opened starts closed"
+
+
+def test_a_container_that_is_not_opened_starts_open(library: Library) -> None:
+    task = compose(parse("put the marker into the drawer and close it"), library, ROBOT).task
+    assert (task.objects["drawer"].randomization.openness_mean or 0.0) > 0.8
+
+
+def test_the_last_step_of_a_joint_is_the_goal(library: Library) -> None:
+    task = compose(parse("open the suitcase and close it"), library, ROBOT).task
+    assert [each.type for each in task.success] == ["articulated_closed"]
+    assert task.objects["suitcase"].randomization.openness_mean == 0.5, "the goal is not met at the start"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "reason"),
+    [
+        ("open the box and push the box away", Refusal.IMPOSSIBLE),
+        ("open the drawer and open it", Refusal.ORDER),
+        ("close the drawer, then put the apple into it", Refusal.ORDER),
+        ("open the box, the drawer and the safe", Refusal.NO_ROOM),
+        ("put the apple, the lemon and the pear into the bowl", Refusal.NO_ROOM),
+        ("open the microwave and the refrigerator and the oven", Refusal.NO_ROOM),
+        ("put the fork into the drawer", Refusal.IMPOSSIBLE),
+        (", ".join(["open the box", "close the box"] * 5), Refusal.ORDER),
+    ],
+)
+def test_impossible_combinations_are_refused(library: Library, sentence: str, reason: Refusal) -> None:
+    with pytest.raises(SentenceError) as caught:
+        compose(parse(sentence), library, ROBOT)
+    assert caught.value.reason == reason

@@ -1,0 +1,234 @@
+"""The parser of instructions: what it understands, and what it refuses."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gensim2.instructions import vocabulary
+from gensim2.instructions.grammar import parse
+from gensim2.instructions.meanings import solved
+from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
+from gensim2.objects.words import articulated_classes, belongs, noun, rigid_classes
+from gensim2.tasks.library import load_task, task_names
+
+DEVELOPMENT = tomllib.loads((Path(__file__).parent / "development.toml").read_text())["sentences"]
+
+JOINTS = sorted(solved(), key=str)
+#: Rigid objects that are put somewhere.
+THINGS = sorted(set(rigid_classes()) - set(SUPPORTS))
+PLACES = sorted(each for each in (*articulated_classes(), *SUPPORTS) if belongs(each))
+
+
+def in_words(step: Step) -> str:
+    """Return a step in the notation of the sentence files."""
+    if isinstance(step, MoveJoint):
+        return f"{step.goal.removeprefix('articulated_')} {step.asset_class}"
+    if isinstance(step, Put):
+        return f"put {step.thing} {step.destination}" + (f" from {step.source}" if step.source else "")
+    return f"lift {step.thing}" if isinstance(step, Lift) else f"hand {step.thing} {step.direction}"
+
+
+def refused(sentence: str) -> SentenceError:
+    """Return the error with which a sentence is refused."""
+    with pytest.raises(SentenceError) as caught:
+        parse(sentence)
+    return caught.value
+
+
+@pytest.mark.parametrize("each", DEVELOPMENT, ids=lambda each: each["say"])
+def test_the_sentences_of_the_development_are_understood(each: dict[str, Any]) -> None:
+    if each["meant"]:
+        assert [in_words(step) for step in parse(each["say"])] == each["meant"]
+    else:
+        assert str(refused(each["say"])).startswith("sentence: ")
+
+
+def test_nearly_every_description_of_the_library_is_understood() -> None:
+    unread = []
+    for name in task_names():
+        try:
+            parse(load_task(name).description)
+        except SentenceError:
+            unread.append(name)
+    assert unread == ["FillMugWithWater"], "a place under a faucet is not understood"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "reason", "part"),
+    [
+        ("", Refusal.EMPTY, ""),
+        ("...", Refusal.EMPTY, "..."),
+        ("do not open the box", Refusal.NEGATION, "not"),
+        ("open the box but don't close it", Refusal.NEGATION, "not"),
+        ("open everything except the drawer", Refusal.NEGATION, "except"),
+        ("paint the box", Refusal.UNKNOWN_VERB, "paint the box"),
+        ("open the spaceship", Refusal.UNKNOWN_OBJECT, "the spaceship"),
+        ("put the apple into the spaceship", Refusal.UNKNOWN_OBJECT, "into the spaceship"),
+        ("open the left drawer", Refusal.UNKNOWN_OBJECT, "the left drawer"),
+        ("open the drawer loudly", Refusal.NOT_UNDERSTOOD, "loudly"),
+        ("open the drawer if it is closed", Refusal.NOT_UNDERSTOOD, "if it is closed"),
+        ("turn on the drawer", Refusal.IMPOSSIBLE, "turn on the drawer"),
+        ("open the apple", Refusal.IMPOSSIBLE, "open the apple"),
+        ("pull the lever of the toaster", Refusal.IMPOSSIBLE, "pull the lever of the toaster"),
+        ("unscrew the cap of the bottle", Refusal.IMPOSSIBLE, "unscrew the cap of the bottle"),
+        ("put the mug into the dishwasher", Refusal.IMPOSSIBLE, "put the mug into the dishwasher"),
+        ("put the apple onto the drawer", Refusal.IMPOSSIBLE, "put the apple onto the drawer"),
+        ("put the drawer into the mug", Refusal.IMPOSSIBLE, "put the drawer into the mug"),
+        ("hand the banana to the person on the left", Refusal.IMPOSSIBLE, "hand the banana to the person on the left"),
+        ("open it", Refusal.AMBIGUOUS, "it"),
+        ("close the lid", Refusal.AMBIGUOUS, "the lid"),
+        ("put it into the drawer", Refusal.AMBIGUOUS, "it"),
+        ("put the apple", Refusal.INCOMPLETE, "put the apple"),
+        ("open", Refusal.INCOMPLETE, "open"),
+        ("take the apple out of the box", Refusal.INCOMPLETE, "take the apple out of the box"),
+        ("hand me the can of tuna", Refusal.UNKNOWN_OBJECT, "me the can of tuna"),
+        ("put the apple into the closed drawer", Refusal.ORDER, "put the apple into the closed drawer"),
+        ("pick up the apple and close the drawer", Refusal.ORDER, "pick up the apple"),
+        ("öffne die Schublade", Refusal.UNKNOWN_VERB, "öffne die schublade"),
+        ("open the box " * 100, Refusal.NOT_UNDERSTOOD, "open the box open the box open the box o"),
+    ],
+)
+def test_a_refusal_names_its_part(sentence: str, reason: Refusal, part: str) -> None:
+    error = refused(sentence)
+    assert (error.reason, error.part) == (reason, part)
+    assert error.remedy
+
+
+@pytest.mark.parametrize(
+    ("sentence", "meant"),
+    [
+        ("put the lemon in the refrigerator and shut the door", ["put lemon refrigerator", "closed refrigerator"]),
+        ("shut the door", ["closed door"]),
+        ("press the button", ["open coffee_machine"]),
+        ("push down the lever", ["open toaster_press"]),
+        ("open the box and the drawer", ["open box_rotate", "open drawer"]),
+        ("grab the apple and the lemon and put them into the bowl", ["put apple bowl", "put lemon bowl"]),
+        (
+            "open the box, take the cup out and put it on the plate",
+            ["open box_rotate", "put cup plate from box_rotate"],
+        ),
+        ("take the lid off the pot and put it back on the pot", None),
+        ("open the sugar box", None),
+        ("put the sugar box into the box", ["put sugar_box box_rotate"]),
+        ("LIFT THE BUCKET\u2019S HANDLE", ["half_closed bucket_swing"]),
+    ],
+)
+def test_pronouns_parts_and_lists(sentence: str, meant: list[str] | None) -> None:
+    if meant is None:
+        refused(sentence)
+    else:
+        assert [in_words(step) for step in parse(sentence)] == meant
+
+
+def test_a_reason_does_not_add_a_step() -> None:
+    assert parse("open the window so that you can shout and sing") == parse("open the window")
+    assert parse("close the laptop to tidy the desk") == parse("close the laptop")
+    two = parse("open the window because it is hot, and close the door")
+    assert two == (*parse("open the window"), *parse("close the door"))
+
+
+@pytest.mark.parametrize("step", JOINTS, ids=str)
+def test_every_joint_goal_of_the_library_can_be_said(step: MoveJoint) -> None:
+    assert parse(step.text) == (step,)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("open the {}", "close the {}"),
+        ("turn on the {}", "turn off the {}"),
+        ("push the {} away", "pull the {} closer"),
+        ("slide the {} open", "slide the {} shut"),
+    ],
+)
+def test_opposite_sentences_end_in_the_opposite(one: str, other: str) -> None:
+    ends = {"articulated_open": "articulated_closed"}
+    compared = 0
+    for name in dict.fromkeys(noun(each) for each in articulated_classes()):
+        try:
+            (first,), (second,) = parse(one.format(name)), parse(other.format(name))
+        except SentenceError:
+            continue
+        assert isinstance(first, MoveJoint)
+        assert isinstance(second, MoveJoint)
+        assert first.asset_class == second.asset_class
+        assert ends[first.goal] == second.goal
+        compared += 1
+    assert compared >= 1
+
+
+@given(
+    st.lists(st.one_of(st.sampled_from(JOINTS), st.builds(Put, st.sampled_from(THINGS), st.sampled_from(PLACES))),
+             min_size=1, max_size=4),
+    st.sampled_from([" and ", ", ", ", and then ", ". Then ", "; "]),
+    st.sampled_from(["", "please ", "Could you ", "Robot, "]),
+)  # fmt: skip
+def test_sentences_of_the_grammar_give_their_steps(steps: list[Step], join: str, before: str) -> None:
+    sentence = before + join.join(each.text.partition(" so that ")[0] for each in steps)
+    if any("but leave it ajar" in each.text or " to " in each.text or " for " in each.text for each in steps[:-1]):
+        return  # a reason ends the sentence
+    assert parse(sentence) == tuple(steps), sentence
+
+
+PHRASES = (
+    *(phrase for group in vocabulary.MODIFIERS.values() for phrase in group),
+    *vocabulary.NEUTRAL,
+    *vocabulary.POLITE,
+    *vocabulary.CONNECTORS,
+    *vocabulary.INTO,
+    *vocabulary.ONTO,
+    *vocabulary.OUT_OF,
+    *vocabulary.REASONS,
+    *vocabulary.VERBS,
+    *vocabulary.DETERMINERS,
+    *vocabulary.ADJECTIVES,
+    *vocabulary.STATES,
+    *vocabulary.parts(),
+    *vocabulary.IT,
+    *vocabulary.THEM,
+)
+KNOWN = {word for phrase in (*vocabulary.nouns(), *map(vocabulary.spelled, PHRASES)) for word in phrase}
+
+
+@given(st.lists(st.text("abcdefghijklmnopqrstuvwxyz", min_size=2, max_size=9), min_size=1, max_size=6), st.data())
+def test_an_unknown_word_is_never_acted_on(strange: list[str], data: st.DataObject) -> None:
+    strange = [word for word in strange if word not in KNOWN]
+    if not strange:
+        return
+    refused(" ".join(strange))
+    # A sentence that is understood is refused as soon as one strange word comes in.
+    sentence = vocabulary.spelled(data.draw(st.sampled_from(DEVELOPMENT[:24]))["say"])
+    at = data.draw(st.integers(0, len(sentence)))
+    refused(" ".join([*sentence[:at], strange[0], *sentence[at:]]).replace(" 's", "'s"))
+
+
+@given(st.text(max_size=200))
+def test_any_text_gives_steps_or_a_refusal(text: str) -> None:
+    with contextlib.suppress(SentenceError):
+        assert parse(text)
+
+
+@given(st.lists(st.sampled_from(sorted(KNOWN)), min_size=1, max_size=12))
+def test_any_order_of_known_words_gives_possible_steps_or_a_refusal(words: list[str]) -> None:
+    try:
+        steps = parse(" ".join(words).replace(" 's", "'s"))
+    except SentenceError:
+        return
+    for step in steps:
+        assert step in solved() if isinstance(step, MoveJoint) else set(step.classes) <= {*THINGS, *PLACES, *SUPPORTS}
+        assert not isinstance(step, HandOver) or step.direction in ("left", "right", "away")
+
+
+def test_no_two_nouns_share_a_spelling() -> None:
+    nouns = vocabulary.nouns()
+    assert len({each.name for each in nouns.values()}) == len(
+        {noun(each) for each in itertools.chain(articulated_classes(), rigid_classes())}
+    )
