@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gensim2.design.drafting import chains
 from gensim2.instructions.composing import compose
 from gensim2.instructions.grammar import parse
-from gensim2.instructions.steps import Refusal, SentenceError
+from gensim2.instructions.meanings import solved
+from gensim2.instructions.steps import Put, Refusal, SentenceError, Step
 from gensim2.objects import Library
 from gensim2.planning.strategies import parse_strategy
 from gensim2.tasks.library import load_task
@@ -48,6 +51,7 @@ def test_a_new_combination_has_the_steps_of_the_sentence(library: Library) -> No
         ("safe", "hand"), ("golf_ball", "hand"), ("safe", "golf_ball"), ("safe", "hand"),
     ]  # fmt: skip
     assert [each.type for each in task.success] == ["distance_articulated_rigidbody", "articulated_closed"]
+    assert [step.name for step in task.steps] == ["open_safe", "grasp_golf_ball", "put_golf_ball", "close_safe"]
     assert chains(task) == []
     assert {name for step in task.steps for name in step.strategies} == set(found.strategies)
     assert all(parse_strategy(data, name) for name, data in found.strategies.items())
@@ -65,6 +69,41 @@ def test_the_last_step_of_a_joint_is_the_goal(library: Library) -> None:
     assert task.objects["suitcase"].randomization.openness_mean == 0.5, "the goal is not met at the start"
 
 
+JOINTS = sorted(solved(), key=str)
+
+
+@settings(max_examples=10)
+@given(
+    st.lists(
+        st.one_of(
+            st.sampled_from(JOINTS),
+            st.builds(
+                Put, st.sampled_from(["apple", "mug"]), st.sampled_from(["bowl", "plate", "drawer", "safe_rotate"])
+            ),
+        ),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_any_steps_give_a_task_or_a_refusal(library: Library, steps: list[Step]) -> None:
+    try:
+        found = compose(steps, library, ROBOT)
+    except SentenceError:
+        return
+    named = {name for step in found.task.steps for name in step.strategies}
+    assert named == set(found.strategies)
+    classes = {name for step in steps for name in step.classes}
+    assert {each.asset_class for each in found.task.objects.values()} == classes
+
+
+def test_an_object_that_is_moved_twice_has_its_last_place_as_goal(library: Library) -> None:
+    sentence = "put the lemon into the drawer, then take it out of the drawer and put it on the plate"
+    task = compose(parse(sentence), library, ROBOT).task
+    assert [(each.type, each.objects) for each in task.success] == [("rigidbody_on_rigidbody", ("lemon", "plate"))]
+    assert task.objects["lemon"].place.on == "table"
+    assert [step.name for step in task.steps] == ["grasp_lemon", "put_lemon", "grasp_lemon_2", "put_lemon_2"]
+
+
 @pytest.mark.parametrize(
     ("sentence", "reason"),
     [
@@ -75,6 +114,7 @@ def test_the_last_step_of_a_joint_is_the_goal(library: Library) -> None:
         ("put the apple, the lemon and the pear into the bowl", Refusal.NO_ROOM),
         ("open the microwave and the refrigerator and the oven", Refusal.NO_ROOM),
         ("put the fork into the drawer", Refusal.IMPOSSIBLE),
+        ("put the plate in the bowl", Refusal.IMPOSSIBLE),
         (", ".join(["open the box", "close the box"] * 5), Refusal.ORDER),
     ],
 )

@@ -90,6 +90,13 @@ def test_nearly_every_description_of_the_library_is_understood() -> None:
         ("open", Refusal.INCOMPLETE, "open"),
         ("take the apple out of the box", Refusal.INCOMPLETE, "take the apple out of the box"),
         ("hand me the can of tuna", Refusal.UNKNOWN_OBJECT, "me the can of tuna"),
+        ("burn the house: open the box", Refusal.NOT_UNDERSTOOD, "burn the house"),
+        ("put the apple on the plate into the drawer", Refusal.AMBIGUOUS, "put the apple on the plate into the drawer"),
+        ("move the apple from the drawer into the box and close both", Refusal.AMBIGUOUS, "both"),
+        ("open the box and the drawer, then close it", Refusal.AMBIGUOUS, "it"),
+        ("put the apple into the box, then put it into the box", Refusal.ORDER, "put it into the box"),
+        ("open the open drawer", Refusal.ORDER, "open the open drawer"),
+        ("open the second drawer", Refusal.UNKNOWN_OBJECT, "the second drawer"),
         ("put the apple into the closed drawer", Refusal.ORDER, "put the apple into the closed drawer"),
         ("pick up the apple and close the drawer", Refusal.ORDER, "pick up the apple"),
         ("öffne die Schublade", Refusal.UNKNOWN_VERB, "öffne die schublade"),
@@ -108,6 +115,11 @@ def test_a_refusal_names_its_part(sentence: str, reason: Refusal, part: str) -> 
         ("put the lemon in the refrigerator and shut the door", ["put lemon refrigerator", "closed refrigerator"]),
         ("shut the door", ["closed door"]),
         ("press the button", ["open coffee_machine"]),
+        (
+            "open the box and the drawer, then close them",
+            [f"{goal} {each}" for goal in ("open", "closed") for each in ("box_rotate", "drawer")],
+        ),
+        ("turn the faucet down", ["half_closed faucet"]),
         ("push down the lever", ["open toaster_press"]),
         ("open the box and the drawer", ["open box_rotate", "open drawer"]),
         ("grab the apple and the lemon and put them into the bowl", ["put apple bowl", "put lemon bowl"]),
@@ -175,6 +187,11 @@ def test_sentences_of_the_grammar_give_their_steps(steps: list[Step], join: str,
     sentence = before + join.join(each.text.partition(" so that ")[0] for each in steps)
     if any("but leave it ajar" in each.text or " to " in each.text or " for " in each.text for each in steps[:-1]):
         return  # a reason ends the sentence
+    puts = [each for each in steps if isinstance(each, Put)]
+    places = {thing: [each.destination for each in puts if each.thing == thing] for thing in THINGS}
+    if any(one == other for own in places.values() for one, other in itertools.pairwise(own)):
+        assert refused(sentence).reason == Refusal.ORDER
+        return
     assert parse(sentence) == tuple(steps), sentence
 
 

@@ -123,8 +123,6 @@ class ClauseParser:
             clause = Clause("", verbs)
             self._complete(clause)
             clause.text = self._text(start)
-            if self._comes("but", "leave", "it", "ajar"):
-                clause.half = True
             found.append(clause)
 
     def next_mention(self) -> Mention | None:
@@ -260,6 +258,8 @@ class ClauseParser:
                 clause.half = True
                 continue
             raise self._unknown(clause)
+        # To turn something down is not to turn it off.
+        clause.half |= "turn" in clause.verbs and clause.modifiers == ["down"]
 
     def _puts(self, clause: Clause) -> bool:
         """Return whether the verb can take a destination, so that "on" does not join a part to its object."""
@@ -358,7 +358,7 @@ class ClauseParser:
     def _rest(self) -> str:
         """Return the words up to the next connector, for error messages."""
         start, end = self._at, self._at
-        while end < len(self._words) and (end == start or longest(end, self._words, _CONNECTORS) == 0):
+        while end < len(self._words) and (end == start or self._words[end] not in vocabulary.ENDS):
             end += 1
         return " ".join(self._words[start:end]).replace(" 's", "'s")
 

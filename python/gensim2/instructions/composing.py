@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
 from gensim2.objects import Library
 from gensim2.objects.words import camel_case
-from gensim2.tasks.criteria import DistanceArticulatedRigid
+from gensim2.tasks.criteria import Criterion, DistanceArticulatedRigid, RigidOnRigid
 from gensim2.tasks.library import load_strategies, load_task, task_names
 from gensim2.tasks.likeness import normal_form
 from gensim2.tasks.spec import ObjectSpec, Place, Randomization, TaskSpec
@@ -128,6 +129,10 @@ def _check_objects(steps: Sequence[Step], things: dict[str, Affordance], robot_n
         if (other := by_noun.setdefault(thing.noun, name)) != name:
             remedy = f"the library has no {thing.noun} that does both; split the instruction ({other}, {name})"
             raise SentenceError(Refusal.IMPOSSIBLE, thing.noun, remedy)
+    for step in steps:
+        if isinstance(step, Put) and not _fits_in(things[step.thing], things[step.destination]):
+            remedy = f"the {things[step.thing].noun} is too large for the {things[step.destination].noun}"
+            raise SentenceError(Refusal.IMPOSSIBLE, step.text, remedy)
     stroke = robot_summary(robot_name).stroke
     held = {step.thing for step in steps if not isinstance(step, MoveJoint)}
     for name in held:
@@ -135,6 +140,20 @@ def _check_objects(steps: Sequence[Step], things: dict[str, Affordance], robot_n
             raise SentenceError(
                 Refusal.IMPOSSIBLE, things[name].noun, f"the gripper of {robot_name} cannot hold this object"
             )
+
+
+def _subject(criterion: Criterion) -> str:
+    """Return the name of the object whose joint or place a criterion is about."""
+    if isinstance(criterion, RigidOnRigid | DistanceArticulatedRigid):
+        return criterion.rigid
+    return criterion.objects[0]
+
+
+def _fits_in(thing: Affordance, goal: Affordance) -> bool:
+    """Return whether a rigid object is small enough for the place where it is put."""
+    if goal.kind == "rigid":
+        return max(thing.size[:2]) < max(goal.size[:2])
+    return goal.interior is None or all(a <= b for a, b in zip(sorted(thing.size), sorted(goal.interior), strict=True))
 
 
 class _Composition:
@@ -156,12 +175,17 @@ class _Composition:
         if len(self._steps) == 1 and not isinstance(only, Put):
             return self._single(only)
         self._place_objects()
-        for index, step in enumerate(self._steps):
-            self._add(step, self._steps[index + 1 :])
-        for criterion in list(self._draft.goal):
-            opposite = [other for other in self._draft.goal if other.objects == criterion.objects]
-            if len(criterion.objects) == 1 and criterion is not opposite[-1]:
-                self._draft.goal.remove(criterion)  # a later step moves the same joint
+        for number, wanted in enumerate(self._steps, 1):
+            self._add(wanted, self._steps[number:])
+        # Of several criteria on the same joint, or on the place of the same object, only the last can hold at the end.
+        last = {_subject(each): each for each in self._draft.goal}
+        self._draft.goal = [each for each in self._draft.goal if last[_subject(each)] is each]
+        seen = Counter[str]()
+        for index, step in enumerate(self._draft.steps):
+            seen[step.name] += 1
+            if seen[step.name] > 1:
+                name = f"{step.name[:56]}_{seen[step.name]}"
+                self._draft.steps[index] = step.model_copy(update={"name": name})
         return self._draft.task()
 
     def _single(self, step: MoveJoint | Lift | HandOver) -> TaskSpec:
@@ -172,15 +196,12 @@ class _Composition:
 
     def _add(self, step: Step, later: Sequence[Step]) -> None:
         """Add a step of the instruction, which ``later`` steps follow."""
-        number = len(self._draft.steps) + 1
         if isinstance(step, MoveJoint):
             role = self._roles[step.asset_class]
-            verb = "open" if step.goal in ("articulated_open", "half_open") else "close"
+            opens = step.goal in ("articulated_open", "half_open")
             # Opening a container is not part of the goal if a later step puts something into it or takes it out.
-            lasting = verb != "open" or not any(
-                isinstance(each, Put) and step.asset_class in each.classes for each in later
-            )
-            self._draft.joint(f"{verb}_{number}", role, criterion_of(role, step.goal), lasting)
+            lasting = not opens or not any(isinstance(each, Put) and step.asset_class in each.classes for each in later)
+            self._draft.joint(step.text.split()[0], role, criterion_of(role, step.goal), lasting)
             return
         if not isinstance(step, Put):
             raise SentenceError(Refusal.ORDER, step.text, "say it alone, without other steps")

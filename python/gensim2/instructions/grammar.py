@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 from gensim2.design.proposals import Direction
 from gensim2.instructions import vocabulary
@@ -20,6 +20,10 @@ from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put,
 from gensim2.instructions.vocabulary import Action, Noun, Words, spelled
 from gensim2.objects import words
 from gensim2.objects.words import articulated_classes, belongs, handled
+from gensim2.tasks.library import load_task, task_names
+
+_ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}
+"""States of an object in which a goal is already met."""
 
 MAX_CHARACTERS = 1000
 """Maximum length of an instruction."""
@@ -64,17 +68,27 @@ def parse(sentence: str) -> tuple[Step, ...]:
 
 
 def _without_heading(sentence: Words) -> tuple[list[Mention], Words]:
-    """Split off a heading, as in "look into the box: open and close it". Return the objects that it names, and the
-    instructions.
+    """Split off the heading that some tasks of the library have, as in "look into the box: open and close it". Return
+    the objects that the heading names, and the instructions.
+
+    Raises:
+        SentenceError: the library has no such heading.
     """
     if ":" not in sentence:
         return [], sentence
-    end = len(sentence) - sentence[::-1].index(":")
-    named = []
-    parser = ClauseParser(sentence[: end - 1])
-    while (found := parser.next_mention()) is not None:
-        named.append(found)
-    return named, sentence[end:]
+    end = sentence.index(":")
+    heading = sentence[:end]
+    if heading not in _headings():
+        raise SentenceError(Refusal.NOT_UNDERSTOOD, " ".join(heading), "leave out the words before the colon")
+    mention = ClauseParser(heading).next_mention()
+    return [mention] if mention is not None else [], sentence[end + 1 :]
+
+
+@cache
+def _headings() -> frozenset[Words]:
+    """Return the headings in the descriptions of the library's tasks."""
+    described = (spelled(load_task(name).description) for name in task_names())
+    return frozenset(each[: each.index(":")] for each in described if ":" in each)
 
 
 @dataclass
@@ -94,6 +108,7 @@ class _Reading:
         self._heard: list[Noun] = []
         self._group: list[Noun] = []
         self._held: list[_Held] = []
+        self._put_into: dict[Noun, str] = {}
 
     def steps(self) -> tuple[Step, ...]:
         """Return all steps.
@@ -142,17 +157,37 @@ class _Reading:
             raise self._impossible(clause.text, None)
         if not objects:
             raise SentenceError(Refusal.INCOMPLETE, clause.text, "name the object")
-        for each in objects:
+        moved: list[Noun] = []
+        for each in self._named(objects, partial(_can_move, action=action, half=clause.half)):
             if action is Action.LIFT and self._lifts_rigid(each):
                 self._take(Clause(clause.text, clause.verbs, objects=[each]))
                 continue
             self._require_empty_hand()
-            named = self._resolved(each, partial(_can_move, mention=each, action=action, half=clause.half))
-            step = _move_of(named, each, action, clause.half)
+            named = self._resolved(each, partial(_can_move, part=each.part, action=action, half=clause.half))
+            step = _move_of(named, each.part, action, clause.half)
             if step is None or step not in solved():
                 raise self._impossible(clause.text, named)
+            if (each.state, step.goal) in _ALREADY:
+                raise SentenceError(Refusal.ORDER, clause.text, f"the {named.name} is {each.state} already")
             self._steps.append(step)
-        self._group = self._heard[-len(objects) :]
+            moved.append(named)
+        self._group = moved
+
+    def _named(self, objects: list[Mention], fits: Callable[[Noun], bool]) -> list[Mention]:
+        """Return the objects of a clause, with "them" replaced by the objects of the clause before.
+
+        Raises:
+            SentenceError: "them" does not refer to objects that fit.
+        """
+        found = []
+        for each in objects:
+            if each.pronoun != "them":
+                found.append(each)
+                continue
+            if not self._group or not all(fits(noun) for noun in self._group):
+                raise SentenceError(Refusal.AMBIGUOUS, each.text, "name the objects")
+            found += [Mention(each.text, noun) for noun in self._group]
+        return found
 
     def _lifts_rigid(self, mention: Mention) -> bool:
         """Return whether a mention names a rigid object."""
@@ -184,9 +219,11 @@ class _Reading:
             raise SentenceError(Refusal.INCOMPLETE, clause.text, "name the object to put there")
         things = [noun for each in clause.objects for noun in self._rigid(each, clause)]
         source = None if clause.source is None else self._container(clause.source, clause.text)
-        goal = clause.into or clause.onto or clause.to
-        if goal is None:
-            raise SentenceError(Refusal.INCOMPLETE, clause.text, "say into or onto what")
+        goals = [each for each in (clause.into, clause.onto, clause.to) if each is not None]
+        if len(goals) != 1:
+            reason = Refusal.AMBIGUOUS if goals else Refusal.INCOMPLETE
+            raise SentenceError(reason, clause.text, "say into or onto what, once")
+        (goal,) = goals
         destination = self._destination(goal, clause)
         for noun in things:
             held = next((each for each in self._held if each.noun is noun), None)
@@ -195,9 +232,10 @@ class _Reading:
             elif self._held:
                 self._require_empty_hand()
             from_there = source or (None if held is None else held.source)
-            if from_there == destination:
+            if destination in (from_there, self._put_into.get(noun)):
                 raise SentenceError(Refusal.ORDER, clause.text, f"the {noun.name} is there already")
             (thing,) = noun.classes
+            self._put_into[noun] = destination
             self._steps.append(Put(thing, destination, from_there))
         self._group = things
         # "it" after "put the apple into the drawer" can be the apple or the drawer, so both are remembered
@@ -290,6 +328,8 @@ class _Reading:
             SentenceError: a pronoun or a part refers to nothing.
         """
         noun = mention.noun
+        if mention.pronoun == "it" and sum(fits(each) for each in self._group) > 1:
+            raise SentenceError(Refusal.AMBIGUOUS, mention.text, "name the object, or say 'them'")
         if noun is None or (mention.part is None and noun.name == "door" and self._door() is not None):
             part = "door" if noun is not None else mention.part
             noun = next(
@@ -317,14 +357,14 @@ class _Reading:
         return SentenceError(Refusal.IMPOSSIBLE, text, f"I can {', '.join(can)}" if can else known_objects())
 
 
-def _move_of(noun: Noun, mention: Mention, action: Action, half: bool) -> MoveJoint | None:
-    """Return what an action does to an object of a noun."""
-    return meaning(Mention(mention.text, noun, mention.part), action, half)
+def _move_of(noun: Noun, part: str | None, action: Action, half: bool) -> MoveJoint | None:
+    """Return what an action does to an object of a noun, or to a part of it."""
+    return meaning(Mention(noun.name, noun, part), action, half)
 
 
-def _can_move(noun: Noun, mention: Mention, action: Action, half: bool) -> bool:
+def _can_move(noun: Noun, part: str | None = None, *, action: Action, half: bool) -> bool:
     """Return whether an action has a meaning for the objects of a noun."""
-    return _move_of(noun, mention, action, half) is not None
+    return _move_of(noun, part, action, half) is not None
 
 
 def _places(noun: Noun) -> tuple[str, ...]:

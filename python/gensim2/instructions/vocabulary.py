@@ -141,10 +141,11 @@ CONNECTORS: Final = (
     "first",
     "firstly",
     "lastly",
-    "second",
     "secondly",
-    "third",
 )
+
+#: Words that end the part of a sentence that an error message quotes.
+ENDS: Final = frozenset((",", ".", ";", "!", "?", "and", "then"))
 
 #: Words that negate an instruction or except something from it.
 NEGATIONS: Final = frozenset(
@@ -248,7 +249,7 @@ THERE: Final = ("in there", "there", "inside", "in", "in it", "inside it", "ther
 """Phrases for the container that was named before. In the order in which they are tried, longer phrases come first."""
 
 INTO: Final = ("into", "inside of", "inside", "in to", "in", "within")
-ONTO: Final = ("on top of", "on to", "onto", "on", "upon", "over")
+ONTO: Final = ("on top of", "on to", "onto", "on", "upon")
 TO: Final = ("to",)
 OUT_OF: Final = ("out of", "from inside", "from", "off of", "off")
 """Prepositions before a destination, or before the place from which an object is taken."""
