@@ -275,6 +275,7 @@ def test_the_light_installation_makes_a_verified_demonstration(wheels: dict[str,
 
 
 LIGHT = {
+    "do": "close_the_box --steps",
     "solve": "CloseBox --assets builtin",
     "collect": "CloseBox --episodes 1 --workers 1 --assets builtin --out data",
     "data card": "data",

@@ -21,7 +21,6 @@ from gensim2.instructions.grammar import parse
 from gensim2.instructions.steps import MoveJoint, Step
 from gensim2.objects import open_library
 from gensim2.objects.words import noun
-from gensim2.policy.evaluating import evaluate_policy
 from gensim2.rollout.config import PERCEIVED_SCENE, EvaluationArguments, RolloutOptions
 from gensim2.rollout.controller_spec import planner_spec
 from gensim2.rollout.inputs import check_counts, scene_options
@@ -159,6 +158,8 @@ def do(
             spec = planner_spec(composed.task, composed.strategies, rollout, options.robot)
             evaluation = evaluate(spec, [name], **given)
         else:
+            from gensim2.policy.evaluating import evaluate_policy  # imported late, because it needs PyTorch
+
             evaluation = evaluate_policy(policy, [name], controls="none", **given).policy
     result = DoResult(sentence, steps, composed, evaluation)
     files = TaskFolder(run_dir / "tasks" / composed.task.name)
