@@ -22,8 +22,10 @@ from gensim2.core.seeding import rng
 from gensim2.data.store import TaskStore
 from gensim2.objects import ArticulatedObject, open_library
 from gensim2.perception import ObservationSpec
-from gensim2.perception.estimation import PerceivingChain, SceneEstimator
+from gensim2.perception.cloud import from_steps, to_steps
+from gensim2.perception.estimation import PerceivingChain, SceneEstimator, deformation
 from gensim2.perception.estimation.classes import ClassConstants, by_name
+from gensim2.perception.estimation.deformation import _stretched_openness, deformed
 from gensim2.perception.estimation.episodes import _model, _state
 from gensim2.perception.estimation.estimator import (
     ESTIMATOR_JSON,
@@ -270,6 +272,75 @@ def test_a_moved_example_keeps_its_geometry() -> None:
     assert float(angle[1] - angle[0]) == pytest.approx(0.3, abs=1e-5)
 
 
+def exact_example(asset_class: str, openness: float) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an exact cloud, with features."""
+    look = look_at(asset_class, openness)
+    return example(look, CLASSES, PANDA) | {"features": np.rint(127 * features_of(look.cloud.xyz)).astype(np.int8)}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_labels_of_a_deformed_cloud_move_with_its_points(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(deformation, "DEFORMED", 1.0)
+    monkeypatch.setattr(deformation, "ADDED", 0.0)
+    monkeypatch.setattr(deformation, "REMOVED", 0.0)
+    everywhere = replace(SETTINGS, low=(-3.0, -3.0, -3.0), high=(3.0, 3.0, 3.0))
+    monkeypatch.setattr(deformation, "SETTINGS", everywhere)
+    before = exact_example(name, 0.5)
+    # The first points are the keypoints, and further points lie on the joint axis.
+    known = int(before["known"].sum())
+    on_axis = before["origin"] + np.linspace(-0.2, 0.2, 5)[:, None] * before["axis"]
+    marks = np.concatenate([before["keypoints"][:known], on_axis])
+    before["points"][: len(marks)] = to_steps(marks.astype(np.float32))
+    moved = []
+    for seed in range(5):
+        after = deformed(before, rng(seed, "deformed"))
+        xyz = from_steps(after["points"])
+        assert np.allclose(xyz[:known], after["keypoints"][:known], atol=2e-4)
+        away = xyz[known : len(marks)] - after["origin"]
+        if before["revolute"]:
+            away -= (away @ after["axis"])[:, None] * after["axis"]
+            assert np.abs(away).max() < 5e-4
+        moved.append(np.linalg.norm(xyz - from_steps(before["points"]), axis=1).mean())
+        # The normals are those of the deformed surface.
+        flat = after["features"][:, 3] < 2
+        true = features_of(xyz)[:, :3]
+        along = np.abs((true * after["features"][:, :3] / 127).sum(axis=1))
+        assert np.median(along[flat]) > 0.98
+        assert (after["group"] == before["group"]).all()
+    assert max(moved) > 0.02
+
+
+def test_a_deformed_cloud_may_have_an_added_box_and_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(deformation, "DEFORMED", 1.0)
+    before = exact_example("drawer", 0.5)
+    found = {}
+    for name, added, removed in (("neither", 0.0, 0.0), ("box", 1.0, 0.0), ("hole", 0.0, 1.0)):
+        monkeypatch.setattr(deformation, "ADDED", added)
+        monkeypatch.setattr(deformation, "REMOVED", removed)
+        after = deformed(before, rng(4, "deformed"))
+        assert {key: (each.shape, each.dtype) for key, each in after.items()} == {
+            key: (each.shape, each.dtype) for key, each in before.items()
+        }
+        found[name] = len(np.unique(after["points"], axis=0)), set(map(tuple, after["points"].tolist()))
+    assert len(found["box"][1] - found["neither"][1]) >= 12
+    assert not found["hole"][1] - found["neither"][1]
+    assert found["hole"][0] < found["neither"][0] - 3
+
+
+def test_stretching_changes_the_openness_of_a_joint() -> None:
+    # A lid at 45 degrees, hinged along y, is stretched to twice its height.
+    lid = {
+        "limits": np.array([0.0, 0.5 * np.pi]),
+        "openness": np.array(0.5),
+        "axis": np.array([0.0, -1.0, 0.0]),
+        "origin": np.zeros(3),
+        "keypoints": np.array([[0.1, 0.3, 0.1]]),
+    }
+    found = _stretched_openness(lid, np.diag([1.0, 1.0, 2.0]))
+    assert found == pytest.approx(np.arctan(2.0) / (0.5 * np.pi))
+    assert _stretched_openness(lid, 1.7 * np.eye(3)) == pytest.approx(0.5)
+
+
 def test_boxes_hold_their_points() -> None:
     points = rng(0, "boxes").uniform(-0.1, 0.1, (3000, 3)).astype(np.float32)
     found = boxes(points)
@@ -344,6 +415,20 @@ def test_an_interrupted_training_ends_with_the_same_bytes(
         train_estimator(tmp_path / "cut", steps=7, resume=True, **SMALL)
     train_estimator(tmp_path / "cut", steps=6, resume=True, **SMALL)
     assert weights(tmp_path / "cut") == weights(trained)
+
+
+def test_a_training_continues_from_the_weights_of_an_estimator(trained: Path, tmp_path: Path) -> None:
+    other = {**SMALL, "seed": 4}
+    train_estimator(tmp_path / "next", steps=1, start=trained, **other)
+    train_estimator(tmp_path / "fresh", steps=1, **other)
+
+    def away(folder: Path) -> float:
+        first, last = (SceneEstimator.load(each, PANDA).network.state_dict() for each in (trained, folder))
+        return float(np.mean([float((first[name] - last[name]).abs().mean()) for name in first]))
+
+    assert away(tmp_path / "next") < 5e-3 < away(tmp_path / "fresh")
+    with pytest.raises(InputError, match="box_rotate, drawer"):
+        train_estimator(tmp_path / "other", steps=1, start=trained, **{**SMALL, "classes": ("faucet", "drawer")})
 
 
 def test_an_estimator_is_read_as_it_was_written(trained: Path) -> None:

@@ -67,6 +67,7 @@ def train(
     looks: Count = 12,
     steps: Count = 4000,
     batch: Count = 24,
+    start: Annotated[str | None, Option("--from", "DIR|builtin")] = None,
     robot: str,
     progress: Progress,
     **given: Any,
@@ -84,6 +85,7 @@ def train(
         looks: Number of point clouds of each object.
         steps: Number of gradient steps.
         batch: Number of point clouds in a step.
+        start: Continue training from the weights of this estimator, which must know the same classes.
     """
     from gensim2.perception.estimation.training import train_estimator
 
@@ -96,6 +98,7 @@ def train(
         looks=looks,
         steps=steps,
         batch=batch,
+        start=start,
         progress=progress,
         **given,
     )

@@ -19,6 +19,7 @@ from gensim2.core.seeding import rng
 from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.perception.cloud import from_steps
 from gensim2.perception.estimation.classes import ClassConstants
+from gensim2.perception.estimation.deformation import deformed
 from gensim2.perception.estimation.estimator import SceneEstimator
 from gensim2.perception.estimation.examples import Example, example, object_looks, stacked, training_instances
 from gensim2.perception.estimation.measuring import calibrated
@@ -56,6 +57,7 @@ class PerceiveSettings(RunSettings):
     steps: int
     batch: int
     seed: int
+    start: str | None = None
 
 
 def train_estimator(
@@ -69,6 +71,7 @@ def train_estimator(
     steps: int = 4000,
     batch: int = 24,
     seed: int = 0,
+    start: Path | str | None = None,
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
@@ -85,6 +88,7 @@ def train_estimator(
         steps: number of gradient steps.
         batch: number of clouds in a gradient step.
         seed: seed of all random values.
+        start: estimator with the initial weights, as for :meth:`SceneEstimator.load`; None: random initial weights.
         resume: whether to continue the training run in ``out``.
         progress: listener.
 
@@ -92,7 +96,8 @@ def train_estimator(
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, or ``out`` contains a different training run.
+        InputError: a class is unknown or rigid, ``out`` contains a different training run, or the estimator ``start``
+            has other classes.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
@@ -110,6 +115,7 @@ def train_estimator(
         steps=steps,
         batch=batch,
         seed=seed,
+        start=None if start is None else str(start),
     )
     with ResumableFolder(out, MARKER, settings, holds="a training of an estimator", resume=resume):
         constants, arrays, held_out = _examples(library, profile, settings, out / EXAMPLES, progress)
@@ -117,10 +123,14 @@ def train_estimator(
         torch.set_num_threads(training.threads)
         torch.manual_seed(seed)
         network = SceneNetwork(len(names))
+        if start is not None:
+            network.load_state_dict(_initial(start, names, profile).state_dict())
+        initial = hashlib.sha256(b"".join(each.numpy().tobytes() for each in network.state_dict().values())).hexdigest()
         state = TrainState(network, copy.deepcopy(network).eval(), optimizer_of(network, training))
         digest = hashlib.sha256(b"".join(arrays[name].tobytes() for name in sorted(arrays))).hexdigest()
         identity = Identity(
             {"policy": {"classes": list(names)}, "training": training.to_dict(), "data": {"digest": digest}}
+            | ({} if start is None else {"start": initial})
         )
         if (out / TRAINING / STATE_JSON).exists():
             state.load(out / TRAINING, identity)
@@ -135,7 +145,11 @@ def train_estimator(
 
         loss = take_steps(state, gradients, training, out / TRAINING, identity, progress)
         estimator = SceneEstimator(copy.deepcopy(state.average).eval(), constants, profile)
-        calibration = calibrated(estimator, held_out)
+        changed = [
+            deformed(_example_of(held_out, row), rng(seed, "perception/calibration", row))
+            for row in range(len(held_out["class"]))
+        ]
+        calibration = calibrated(estimator, stacked(changed))
         estimator.save(out)
     return {
         "schema_version": 1,
@@ -200,6 +214,20 @@ def _joined(parts: Sequence[Arrays]) -> Arrays:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
+def _example_of(arrays: Arrays, row: int) -> Example:
+    return {name: values[row] for name, values in arrays.items()}
+
+
+def _initial(start: Path | str, names: Sequence[str], profile: RobotProfile) -> SceneNetwork:
+    """Return the network of the estimator ``start``, which must know exactly the classes ``names``."""
+    found = SceneEstimator.load(start, profile)
+    known = [each.name for each in found.classes]
+    if known != list(names):
+        message = f"{start}: the classes of the estimator differ from the classes of the training"
+        raise InputError(message, field="start", remedy=f"train exactly the classes {', '.join(known)}")
+    return found.network
+
+
 class Examples:
     """Samples batches of labelled clouds.
 
@@ -216,11 +244,11 @@ class Examples:
         self._chance /= self._chance.sum()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Sample a batch with equal probability of all classes, and rotate and shift each cloud at random."""
+        """Sample a batch with equal probability of all classes, and deform, rotate and shift each cloud at random."""
         rows = generator.choice(len(self._chance), size, p=self._chance)
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
-        arrays = {name: values[rows] for name, values in self._arrays.items()}
+        arrays = stacked([deformed(_example_of(self._arrays, row), generator) for row in rows])
         # Select the points in random order, but favour points of the object, so that every selection contains
         # object points.
         order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
