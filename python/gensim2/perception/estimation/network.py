@@ -189,6 +189,8 @@ WEIGHTS: Mapping[str, float] = {
     "places": 0.3,
 }
 """Weights of the losses; losses with predicted deviations are negative log likelihoods."""
+SMOOTHING = 0.05
+"""Label smoothing of the classes, so that an unfamiliar shape does not get a class with certainty."""
 
 
 def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -222,7 +224,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     balanced = torch.where(moves > 0, 0.5 / share.sqrt(), 0.5 / (1 - share).sqrt())
     return {
         "group": cross(seen.group.transpose(1, 2), group),
-        "class": cross(network.classify(gathered), batch["class"]),
+        "class": cross(network.classify(gathered), batch["class"], label_smoothing=SMOOTHING),
         "direction": cross(found["direction"], batch["direction"]),
         "yaw": _likelihood(angle.abs(), deviations[:, 0]).mean() + (1 - turned).mean(),
         "openness": _likelihood((found["openness"] - batch["openness"]).abs(), deviations[:, 1]).mean()
