@@ -25,6 +25,7 @@ from .results import LinkPair as LinkPair
 from .results import MotionStatus as MotionStatus
 from .results import Refined as Refined
 from .results import Residual as Residual
+from .results import ServoStatus as ServoStatus
 from .results import Status as Status
 from .results import TightPair as TightPair
 from .results import Touch as Touch
@@ -622,6 +623,118 @@ class Motion:
     @property
     def cpu_ms(self) -> float:
         """CPU time of planning (ms)."""
+
+class ServoStep:
+    """State of the arm after a step of :class:`Servo`, and how the step was chosen."""
+
+    @property
+    def position(self) -> Array:
+        """(n,) positions of all joints, rad or m."""
+    @property
+    def velocity(self) -> Array:
+        """(n,) velocities of all joints, rad/s or m/s."""
+    @property
+    def acceleration(self) -> Array:
+        """(n,) accelerations of all joints, rad/s^2 or m/s^2."""
+    @property
+    def status(self) -> ServoStatus:
+        """ "tracking", "limited" (limits or obstacles change the motion that the target asks for), or "braking" (no
+        step toward the target was proven safe, and the arm follows the stop that was proven last)."""
+    @property
+    def limited_by(self) -> list[str]:
+        """Limits that determine the step, such as "velocity of joint1", "acceleration of joint1", "range of joint1" or
+        "distance of hand and post". Empty if the status is "tracking"."""
+    @property
+    def distance(self) -> float:
+        """Smallest signed distance (m) over all checked pairs before the step; infinity if it is above 80 mm."""
+
+class Servo:
+    """Differential inverse kinematics for control loops: moves an arm toward a target that may change in every step.
+
+    Every state keeps the limits of position, velocity, acceleration and jerk of all joints, also between two steps, and
+    the distance ``margin`` from obstacles and between links. A step is taken only if the stop that may follow it is
+    proven to keep the margin, too. Otherwise the arm follows the stop that was proven last. The arm may stop in front
+    of an obstacle that a planned motion (:meth:`Scene.plan_to`) would avoid.
+
+    Scenes do not change. If bodies have moved, create a servo of the new scene and ``reset`` it to the arm's state.
+
+    Example:
+        ```python
+        servo = Servo(scene, q_start)
+        for k in range(1000):
+            step = servo.step(target_pose(0.001 * k))
+            arm.send(step.position, step.velocity)
+        ```
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        q: Numbers,
+        *,
+        link: str | None = None,
+        margin: float = 0.005,
+        posture: Numbers | None = None,
+        dt: float = 0.001,
+        velocity_scale: float = 1.0,
+        acceleration_scale: float = 1.0,
+        limits: Literal["panda", "fr3", "plain"] | None = None,
+        velocity_limits: Numbers | None = None,
+        acceleration_limits: Numbers | None = None,
+        jerk_limits: Numbers | None = None,
+    ) -> None:
+        """Create a servo for an arm that rests at the joints ``q``.
+
+        Args:
+            scene: robot and obstacles.
+            q: (n,) values of all joints; joints that do not move the hand keep their values.
+            link: link that follows poses and velocities; default: the hand.
+            margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start keep that
+                smaller distance. Links that are closer in every configuration must only not collide.
+            posture: (n,) joint values that a redundant arm moves toward without moving the link; default: ``q``.
+            dt: length of a step, 0.0001 to 0.1 s.
+            velocity_scale: fraction of the velocity limits that may be used, above 0, at most 1.
+            acceleration_scale: the same fraction of the acceleration and jerk limits, above 0, at most 1.
+            limits: acceleration and jerk limits of a known arm; "fr3" also has velocity limits that depend on the
+                position.
+            velocity_limits: (n,) rad/s or m/s instead of the URDF's; required if the URDF has none.
+            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of the URDF's and those of ``limits``.
+            jerk_limits: (n,) rad/s^3 or m/s^3 instead of the URDF's and those of ``limits``.
+
+        Raises:
+            ProblemError: an argument does not fit the robot, or bodies overlap at the start.
+        """
+    def step(self, target: Numbers | None = None, *, twist: Numbers | None = None) -> ServoStep:
+        """Move the arm by one step and return its new state. Without arguments, the arm comes to rest.
+
+        Args:
+            target: pose (4, 4) of the link in the base frame, or joint values (n,), which may lie beyond the limits.
+            twist: (6,) linear velocity (m/s) and angular velocity (rad/s) in the base frame: with a pose, the velocity
+                of this pose, which reduces the distance by which the arm lags behind; without a target, the velocity of
+                the link.
+
+        Raises:
+            ProblemError: an argument has another shape, is not finite, or changes a joint that does not move the hand.
+                The state of the arm stays the same.
+        """
+    def reset(self, q: Numbers, velocity: Numbers | None = None, acceleration: Numbers | None = None) -> None:
+        """Set the state of the arm.
+
+        Args:
+            q: (n,) values of all joints.
+            velocity: (n,) rad/s or m/s; default: at rest.
+            acceleration: (n,) rad/s^2 or m/s^2; default: zero.
+
+        Raises:
+            ProblemError: the arm is in collision, or cannot stop within the limits and without coming closer than the
+                margin. The former state remains.
+        """
+    @property
+    def dt(self) -> float:
+        """Length of a step, s."""
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings: assumed limits with their joints, and links that are never checked for collisions."""
 
 class Cancel:
     """Flag that ends planning from another thread: pass the flag to ``plan`` and call ``cancel``. The flag cannot be

@@ -62,6 +62,17 @@ class MotionStatus(StrEnum):
     """Planning was cancelled."""
 
 
+class ServoStatus(StrEnum):
+    """How a step of :class:`Servo` was chosen."""
+
+    TRACKING = "tracking"
+    """The arm moves as the target asks."""
+    LIMITED = "limited"
+    """Limits or obstacles change the motion that the target asks for."""
+    BRAKING = "braking"
+    """No step toward the target was proven safe; the arm follows the stop that was proven last."""
+
+
 class Residual(TypedDict):
     """Remaining error of a constraint at the actuation pose. The field ``residual`` is the error, and ``tolerance`` is
     the largest permitted error, both in metres or radians.

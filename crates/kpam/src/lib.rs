@@ -84,6 +84,7 @@ mod problem;
 pub mod qp;
 mod refine;
 mod resolve;
+mod servo;
 mod timing;
 mod transit;
 mod world;
@@ -103,6 +104,7 @@ pub use plan::{
 };
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
+pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
 pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use transit::{Approached, Goal, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -2,8 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use gensim2_geometry::{ChainFrames, JointKind, Pose, Robot};
-use nalgebra::Vector3;
+use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, Robot};
+use nalgebra::{Vector3, Vector6};
 
 use crate::ProblemError;
 pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
@@ -139,9 +139,35 @@ impl Model {
 
     /// Computes the frames of the chain from base to hand at the variables `x`.
     pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
+        self.forward_along(robot.chain(), x, q, frames);
+    }
+
+    /// Computes the frames of any chain at the variables `x`.
+    pub(crate) fn forward_along(&self, chain: &Chain, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
         self.map.positions(x, q);
-        let placed = robot.chain().forward(q, frames);
+        let placed = chain.forward(q, frames);
         debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
+    }
+
+    /// Returns the Jacobian of a chain's link by columns: linear velocity of the link's origin (m) and angular velocity
+    /// (rad), base frame, per unit of each variable.
+    pub(crate) fn twists(&self, chain: &Chain, frames: &ChainFrames) -> [Vector6<f64>; MAX_JOINTS] {
+        let mut columns = [Vector6::zeros(); MAX_JOINTS];
+        let tip = frames.tip.translation.vector;
+        for (i, joint) in chain.joint_indices().enumerate() {
+            let driven = self.map.driven().iter().find(|d| d.joint == joint);
+            let (Some(driven), Some(linear), Some(angular)) =
+                (driven, chain.linear(frames, i, &tip), chain.angular(frames, i))
+            else {
+                continue;
+            };
+            let column = &mut columns[driven.variable];
+            for k in 0..3 {
+                column[k] += driven.factor * linear[k];
+                column[k + 3] += driven.factor * angular[k];
+            }
+        }
+        columns
     }
 
     /// Returns the range (rad or m) in which a variable is sampled: its limits, or half a turn (half a metre) to either

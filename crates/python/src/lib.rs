@@ -11,6 +11,7 @@ mod planning;
 mod problem;
 mod renamed;
 mod scene;
+mod servo;
 mod timing;
 mod transit;
 
@@ -37,6 +38,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<plan::PyPlan>()?;
     m.add_class::<transit::PyMotion>()?;
+    m.add_class::<servo::PyServo>()?;
+    m.add_class::<servo::PyServoStep>()?;
     m.add_function(wrap_pyfunction!(files::read_urdf, m)?)?;
     m.add_function(wrap_pyfunction!(files::read_obj, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;

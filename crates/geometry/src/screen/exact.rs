@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::points::PointGrid;
 use super::solid::{Points, Solid};
 use crate::distance::{Reach, keeps_apart};
-use crate::{Aabb, Convex, Corners, Pose, signed_distance};
+use crate::{Aabb, Contact, Convex, Corners, Pose, signed_distance};
 
 /// Upper bound on the rounding error of positions in single precision (m).
 const ROUGH: f64 = 1e-4;
@@ -98,15 +98,12 @@ impl Measure {
         self.near_element(group, e, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
     }
 
-    pub(super) fn distance(&self, group: usize, e: usize, poses: &[Pose], reach: f64) -> f64 {
-        let mut least = reach;
-        self.near_element(group, e, poses, reach, |a, b, mut toward| {
-            if let Some(contact) = signed_distance(a, b, &mut toward, least.max(0.0)) {
-                least = least.min(contact.distance);
-            }
-            true
-        });
-        least
+    /// Returns the closest points of a group and an element in the frame of the group's link, if their distance is at
+    /// most `reach`.
+    pub(super) fn contact(&self, group: usize, e: usize, poses: &[Pose], reach: f64) -> Option<Contact> {
+        let mut nearest = Nearest::within(reach);
+        self.near_element(group, e, poses, reach, |a, b, mut toward| nearest.take(a, b, &mut toward));
+        nearest.contact
     }
 
     fn near_group(
@@ -141,15 +138,17 @@ impl Measure {
         self.near_group(pair, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
     }
 
-    pub(super) fn pair_distance(&self, pair: (usize, usize), poses: &[Pose], reach: f64) -> f64 {
-        let mut least = reach;
-        self.near_group(pair, poses, reach, |a, b, mut toward| {
-            if let Some(contact) = signed_distance(a, b, &mut toward, least.max(0.0)) {
-                least = least.min(contact.distance);
-            }
-            true
-        });
-        least
+    /// Returns the closest points of two groups in the frame of the first group's link, if their distance is at most
+    /// `reach`.
+    pub(super) fn pair_contact(&self, pair: (usize, usize), poses: &[Pose], reach: f64) -> Option<Contact> {
+        let mut nearest = Nearest::within(reach);
+        self.near_group(pair, poses, reach, |a, b, mut toward| nearest.take(a, b, &mut toward));
+        nearest.contact
+    }
+
+    /// Returns the pose of the link of a group.
+    pub(super) fn pose_of(&self, group: usize, poses: &[Pose]) -> Pose {
+        poses[self.groups[group].0]
     }
 
     /// Returns the distance between a group and a point cloud, at most `reach`. `measured` returns the distance of a
@@ -198,12 +197,38 @@ impl Measure {
         found > f64::NEG_INFINITY
     }
 
-    pub(super) fn cloud_distance(&self, group: usize, cloud: &PointGrid, poses: &[Pose], reach: f64) -> f64 {
-        self.to_cloud(group, cloud, poses, reach, |piece, point, least| {
+    /// Returns the closest points of a group and a point cloud in the frame of the group's link, if their distance is
+    /// at most `reach`.
+    pub(super) fn cloud_contact(&self, group: usize, cloud: &PointGrid, poses: &[Pose], reach: f64) -> Option<Contact> {
+        let mut nearest = Nearest::within(reach);
+        self.to_cloud(group, cloud, poses, reach, |piece, point, _| {
             let mut toward = point.middle() - piece.shape.center();
-            let shapes = ((&piece.corners, piece.shape.radius()), (point, cloud.radius));
-            signed_distance(shapes.0, shapes.1, &mut toward, least.max(0.0)).map_or(least, |contact| contact.distance)
-        })
+            nearest.take((&piece.corners, piece.shape.radius()), (point, cloud.radius), &mut toward);
+            nearest.least
+        });
+        nearest.contact
+    }
+}
+
+/// The closest of several measured pairs of shapes.
+struct Nearest {
+    least: f64,
+    contact: Option<Contact>,
+}
+
+impl Nearest {
+    fn within(reach: f64) -> Self {
+        Self { least: reach, contact: None }
+    }
+
+    /// Measures another pair of shapes; returns true, so that all pairs are visited.
+    fn take(&mut self, a: (&Corners, f64), b: (&Corners, f64), toward: &mut Vector3<f64>) -> bool {
+        if let Some(contact) = signed_distance(a, b, toward, self.least.max(0.0))
+            && contact.distance < self.least
+        {
+            (self.least, self.contact) = (contact.distance, Some(contact));
+        }
+        true
     }
 }
 

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use crate::lanes::F32x8;
 use nalgebra::{Point3, Vector3};
 
-use crate::{Bvh, Convex, JointKind, Pose, Robot};
+use crate::{Bvh, Contact, Convex, JointKind, Pose, Robot};
 use cover::{Ball, cover};
 pub use exact::Measure;
 use exact::Piece;
@@ -345,10 +345,29 @@ impl Screen {
     /// Returns the exact distance (m) between a group and another body at the given link poses, at most `reach`; zero
     /// or negative if they touch.
     pub fn distance(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> f64 {
+        self.measured(group, other, poses, reach).map_or(reach, |contact| contact.distance)
+    }
+
+    /// Returns the closest points (base frame) of a group and another body at the given link poses, if their distance
+    /// is at most `reach` (m).
+    #[must_use]
+    pub fn contact(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> Option<Contact> {
+        let contact = self.measured(group, other, poses, reach)?;
+        let pose = self.measure.pose_of(group, poses);
+        Some(Contact {
+            distance: contact.distance,
+            on_first: pose * contact.on_first,
+            on_second: pose * contact.on_second,
+            normal: pose.rotation * contact.normal,
+        })
+    }
+
+    /// Returns the closest points in the frame of the group's link.
+    fn measured(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> Option<Contact> {
         match other {
-            Other::Element(e) => self.measure.distance(group, e, poses, reach),
-            Other::Cloud(c) => self.measure.cloud_distance(group, &self.clouds[c], poses, reach),
-            Other::Pair(pair) => self.measure.pair_distance(self.pairs[pair], poses, reach),
+            Other::Element(e) => self.measure.contact(group, e, poses, reach),
+            Other::Cloud(c) => self.measure.cloud_contact(group, &self.clouds[c], poses, reach),
+            Other::Pair(pair) => self.measure.pair_contact(self.pairs[pair], poses, reach),
         }
     }
 }

@@ -44,7 +44,7 @@ pub use retime::{RetimeOptions, Retimed, retime};
 pub(crate) use spline::{Spline, distance, length, rounded};
 pub(crate) use state_to_state::to_rest;
 pub use stop::CannotStop;
-pub(crate) use stop::{can_stop, stop};
+pub(crate) use stop::{Phase, State, can_stop, go_on, stop, stopping};
 pub use time_scaling::Method;
 pub(crate) use torque::Dynamics;
 pub(crate) use trajectory::{Builder, Refusal};

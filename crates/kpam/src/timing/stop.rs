@@ -18,12 +18,12 @@ pub struct CannotStop {
 }
 
 /// A phase of constant jerk: duration (s) and jerk (rad/s^3 or m/s^3).
-pub(super) type Phase = (f64, f64);
+pub(crate) type Phase = (f64, f64);
 
 /// State of a joint: position, velocity, acceleration.
-pub(super) type State = [f64; 3];
+pub(crate) type State = [f64; 3];
 
-pub(super) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State {
+pub(crate) fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State {
     [
         position + t * (velocity + t * (0.5 * acceleration + t * jerk / 6.0)),
         velocity + t * (acceleration + 0.5 * t * jerk),
@@ -37,7 +37,7 @@ fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
 }
 
 /// Returns the phases that bring a joint to rest in the minimum time.
-pub(super) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
+pub(crate) fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
     // Velocity that is left when the acceleration is zero; braking must remove it.
     let left = velocity + 0.5 * acceleration * acceleration.abs() / jerk;
     if left == 0.0 {

@@ -1,12 +1,12 @@
 //! Goal of a motion, and inverse kinematics for a pose.
 
-use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use gensim2_geometry::{Chain, ChainFrames, Pose, rotation_log};
+use nalgebra::{Matrix6, Vector6};
 
 use super::question::check_seed;
 use super::{SLACK, TransitOptions, finite, within_limits};
 use crate::body::rigid;
-use crate::model::{MAX_JOINTS, Model, Row};
+use crate::model::{Model, Row};
 use crate::{Cancel, ProblemError, Scene};
 use gensim2_geometry::Draws;
 
@@ -84,7 +84,13 @@ impl Goal {
 
 /// Returns an error if `q` changes a joint that planning does not move. A mimic joint that planning does not move may keep
 /// its value of `q_start`, because measured fingers differ a little.
-fn check_others(scene: &Scene, model: &Model, field: &str, q_start: &[f64], q: &[f64]) -> Result<(), ProblemError> {
+pub(crate) fn check_others(
+    scene: &Scene,
+    model: &Model,
+    field: &str,
+    q_start: &[f64],
+    q: &[f64],
+) -> Result<(), ProblemError> {
     let (mut reached, joints) = (Vec::new(), scene.robot().joints());
     model.map().positions(&model.pick(q), &mut reached);
     let kept = |j: usize| joints[j].mimic().is_some() && !model.map().moves(j) && (q[j] - q_start[j]).abs() <= SLACK;
@@ -196,9 +202,7 @@ struct Search<'a> {
 impl Search<'_> {
     /// Returns the error of the link's pose at `x`: translation (m) and rotation (rad) in the base frame.
     fn left(&mut self, x: &Row) -> Vector6<f64> {
-        self.model.map().positions(x, &mut self.q);
-        let placed = self.chain.forward(&self.q, &mut self.frames);
-        debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
+        self.model.forward_along(self.chain, x, &mut self.q, &mut self.frames);
         let tip = &self.frames.tip;
         let shift = self.goal.translation.vector - tip.translation.vector;
         let turn = rotation_log(&(self.goal.rotation * tip.rotation.inverse()));
@@ -217,21 +221,7 @@ impl Search<'_> {
             if left.amax() < MET {
                 return Some(x);
             }
-            let mut columns = [Vector6::zeros(); MAX_JOINTS];
-            for (i, joint) in self.chain.joint_indices().enumerate() {
-                let tip = self.frames.tip.translation.vector;
-                let Some(driven) = self.model.map().driven().iter().find(|d| d.joint == joint) else { continue };
-                let axis = self.frames.axes[i];
-                let (linear, angular) = match self.chain.kind(i)? {
-                    JointKind::Revolute => (axis.cross(&(tip - self.frames.origins[i])), axis),
-                    JointKind::Prismatic => (axis, Vector3::zeros()),
-                };
-                let column = &mut columns[driven.variable];
-                for k in 0..3 {
-                    column[k] += driven.factor * linear[k];
-                    column[k + 3] += driven.factor * angular[k];
-                }
-            }
+            let columns = self.model.twists(self.chain, &self.frames);
             // A joint that is at a limit, and that the step would move beyond the limit, stays fixed.
             let mut normal = Matrix6::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
             let pull = |v: usize, force: &Vector6<f64>| columns[v].dot(force);

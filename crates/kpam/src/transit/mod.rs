@@ -20,10 +20,11 @@ use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
-use crate::world::{Compiled, TOUCH};
+use crate::world::{CONTACT, Close};
 use crate::{Cancel, ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field, RESOLUTION};
+pub(crate) use goal::check_others;
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
 use moving::State;
 use path::Along;
@@ -34,8 +35,6 @@ use tree::Manner;
 
 /// Clearance (m) that the search keeps in addition to the margin, because rounded corners may come closer to obstacles.
 const CURVED: f64 = 1e-3;
-/// Bodies in contact may appear to overlap by up to this depth (m) because of rounding.
-const CONTACT: f64 = 1e-7;
 /// Tolerance of joint values (rad or m) for rounding.
 const SLACK: f64 = 1e-6;
 /// Maximum number of searches for one motion.
@@ -150,9 +149,6 @@ enum Stuck {
     Over,
 }
 
-/// Pairs of bodies closer than the margin at an end of a motion, as (group, other body, distance in m).
-type Close = Vec<(usize, Other, f64)>;
-
 impl Transit<'_> {
     fn plan(self) -> Result<Motion, NoMotion> {
         let (world, robot) = (self.scene.compiled(), self.scene.robot());
@@ -189,23 +185,7 @@ impl Transit<'_> {
         let moves = |joint: usize| self.model.map().moves(joint);
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
         let nearer = |closes: &[&Close], clearance: f64| {
-            let mut needs = world.needs(clearance);
-            for (group, other, distance) in closes.iter().copied().flatten() {
-                // The screening cannot bound the depth of an overlap, so the required distance is never below contact.
-                let need = match other {
-                    // The shapes of these links prevent the margin, so they need only stay free of collisions.
-                    Other::Pair(pair) if robot.is_always_close(world.screen.pairs()[*pair], margin) => 0.0,
-                    _ => (distance - TOUCH).min(clearance).max(0.0),
-                };
-                let place = match world.screen.body(*other) {
-                    Some(body) => &mut needs.bodies[group * world.screen.bodies() + body],
-                    None => match other {
-                        Other::Pair(pair) => &mut needs.pairs[*pair],
-                        Other::Element(_) | Other::Cloud(_) => continue,
-                    },
-                };
-                *place = place.min(need);
-            }
+            let mut needs = world.needs_beside(robot, closes.iter().copied().flatten(), clearance, margin);
             world.leave_out_still(&mut needs, moves);
             needs
         };
@@ -297,24 +277,7 @@ impl Transit<'_> {
 
     /// Returns all pairs closer than the margin at a configuration.
     fn close(&self, x: &Row) -> Close {
-        let world = self.scene.compiled();
-        let reach = self.options.margin + CURVED;
-        let needs = world.needs(0.0);
-        let (q, mut poses, mut batch) = (self.full(x), Vec::new(), gensim2_geometry::Batch::default());
-        (0..gensim2_geometry::LANES).for_each(|lane| batch.set(&world.screen, lane, &q));
-        world.screen.place(&mut batch);
-        let mut seen = Vec::new();
-        world.screen.survey(&mut batch, &needs, reach as f32 + 1e-6, |s| {
-            seen.push((s.group, s.other));
-            true
-        });
-        Compiled::poses(self.scene, &q, &mut poses);
-        seen.into_iter()
-            .filter_map(|(group, other)| {
-                let distance = world.screen.distance(group, other, &poses, reach);
-                (distance < reach).then_some((group, other, distance))
-            })
-            .collect()
+        self.scene.compiled().close(self.scene, &self.full(x), self.options.margin + CURVED)
     }
 
     /// Returns the configuration at which a search begins: where a moving arm would stop, or the start.
@@ -387,7 +350,7 @@ fn luby(i: usize) -> usize {
 }
 
 /// Returns an error if a joint vector is not finite.
-fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
+pub(crate) fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
     match q.iter().position(|v| !v.is_finite()) {
         Some(i) => Err(ProblemError::new(format!("{field}[{i}]"), format!("{} is not finite", q[i]))),
         None => Ok(()),
@@ -395,7 +358,7 @@ fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
 }
 
 /// Returns an error if variables exceed their limits by more than rounding.
-fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
+pub(crate) fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
     for v in 0..model.n() {
         let (low, high) = (model.lower[v], model.upper[v]);
         if !(x[v] >= low - SLACK && x[v] <= high + SLACK) {

@@ -70,7 +70,7 @@ impl<'s> Sweep<'s> {
             checks: 0,
             over,
             slides,
-            movers: movers(world),
+            movers: world.movers(),
             batch: Batch::default(),
             poses: Vec::new(),
         }
@@ -264,16 +264,6 @@ impl<'s> Sweep<'s> {
             (better && self.covers(a, b, place, groups, &travel)) || self.is_still(a, b, place, &travel.gone)
         })
     }
-}
-
-/// Returns, for each group and then for each pair of groups, the joints that move it relative to the fixed bodies or to
-/// the other group, each with the group that it moves.
-fn movers(world: &Compiled) -> Vec<Vec<(usize, usize)>> {
-    let of = |group: usize| world.carriers[group].iter().map(move |(joint, _)| (*joint, group));
-    let carries = |group: usize, joint: usize| world.carriers[group].iter().any(|(j, _)| *j == joint);
-    let alone = |one: usize, two: usize| of(one).filter(move |(joint, _)| !carries(two, *joint));
-    let pairs = world.screen.pairs().iter().map(|&(one, two)| alone(one, two).chain(alone(two, one)).collect());
-    (0..world.screen.groups()).map(|group| of(group).collect()).chain(pairs).collect()
 }
 
 /// Returns whether a gap is at least a limit; false for NaN.

@@ -1,11 +1,17 @@
 //! A scene prepared for fast collision checks.
 
-use gensim2_geometry::{Convex, Needs, Other, Pose, Riders, Screen};
+use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen};
 
-use super::Scene;
 use super::movers::is_below;
 use super::rules::{CollisionObjects, Group};
+use super::{Scene, TOUCH};
 use crate::Role;
+
+/// Bodies in contact may appear to overlap by up to this depth (m) because of rounding.
+pub(crate) const CONTACT: f64 = 1e-7;
+
+/// Pairs of bodies that are close to each other in a configuration, as (group, other body, distance in m).
+pub(crate) type Close = Vec<(usize, Other, f64)>;
 
 /// A scene prepared for collision checks: the robot with its attached bodies, and the other bodies.
 #[derive(Debug)]
@@ -71,6 +77,66 @@ impl Compiled {
     pub fn needs(&self, margin: f64) -> Needs {
         let need = |checked: &bool| if *checked { margin } else { f64::NEG_INFINITY };
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
+    }
+
+    /// Returns required distances that are `clearance` (m), except for pairs that are closer at some configuration
+    /// (`close`): these must only keep that distance. Links that are closer than `margin` in every configuration must
+    /// only not collide.
+    pub fn needs_beside<'c>(
+        &self,
+        robot: &Robot,
+        close: impl IntoIterator<Item = &'c (usize, Other, f64)>,
+        clearance: f64,
+        margin: f64,
+    ) -> Needs {
+        let mut needs = self.needs(clearance);
+        for (group, other, distance) in close {
+            // The screening cannot bound the depth of an overlap, so the required distance is never below contact.
+            let need = match other {
+                // The shapes of these links prevent the margin, so they need only stay free of collisions.
+                Other::Pair(pair) if robot.is_always_close(self.screen.pairs()[*pair], margin) => 0.0,
+                _ => (distance - TOUCH).min(clearance).max(0.0),
+            };
+            let place = match self.screen.body(*other) {
+                Some(body) => &mut needs.bodies[group * self.screen.bodies() + body],
+                None => match other {
+                    Other::Pair(pair) => &mut needs.pairs[*pair],
+                    Other::Element(_) | Other::Cloud(_) => continue,
+                },
+            };
+            *place = place.min(need);
+        }
+        needs
+    }
+
+    /// Returns all checked pairs closer than `reach` (m) at a full joint vector.
+    pub fn close(&self, scene: &Scene, q: &[f64], reach: f64) -> Close {
+        let needs = self.needs(0.0);
+        let (mut poses, mut batch) = (Vec::new(), Batch::default());
+        (0..LANES).for_each(|lane| batch.set(&self.screen, lane, q));
+        self.screen.place(&mut batch);
+        let mut seen = Vec::new();
+        self.screen.survey(&mut batch, &needs, reach as f32 + 1e-6, |s| {
+            seen.push((s.group, s.other));
+            true
+        });
+        Self::poses(scene, q, &mut poses);
+        seen.into_iter()
+            .filter_map(|(group, other)| {
+                let distance = self.screen.distance(group, other, &poses, reach);
+                (distance < reach).then_some((group, other, distance))
+            })
+            .collect()
+    }
+
+    /// Returns, for each group and then for each pair of groups, the joints that move it relative to the fixed bodies or
+    /// to the other group, each with the group that it moves.
+    pub fn movers(&self) -> Vec<Vec<(usize, usize)>> {
+        let of = |group: usize| self.carriers[group].iter().map(move |(joint, _)| (*joint, group));
+        let carries = |group: usize, joint: usize| self.carriers[group].iter().any(|(j, _)| *j == joint);
+        let alone = |one: usize, two: usize| of(one).filter(move |(joint, _)| !carries(two, *joint));
+        let pairs = self.screen.pairs().iter().map(|&(one, two)| alone(one, two).chain(alone(two, one)).collect());
+        (0..self.screen.groups()).map(|group| of(group).collect()).chain(pairs).collect()
     }
 
     /// Excludes pairs whose relative position does not change, because no moving joint lies between them.
