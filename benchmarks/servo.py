@@ -79,7 +79,8 @@ class Row:
         return (
             f"{self.arm:7} {self.steps} steps: {self.median_us:.1f} us, 99 % {self.p99_us:.1f}, most {self.max_us:.0f}"
             f"; {shares}; used {used}; {self.exceeded} exceeded; {self.judged} states judged, "
-            f"{self.obstacle_mm:.2f} mm from obstacles, {self.self_mm:.2f} mm between links; path followed within {self.tracking_mm:.1f} mm"
+            f"{self.obstacle_mm:.2f} mm from obstacles, {self.self_mm:.2f} mm between links; "
+            f"path followed within {self.tracking_mm:.1f} mm"
         )
 
 
