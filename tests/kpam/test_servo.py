@@ -105,7 +105,7 @@ def test_limits_hold_at_extreme_targets(arm: kpam.Robot, dt: float) -> None:
 
 def obstacles(arm: kpam.Robot, at: Array) -> list[kpam.Body]:
     """Return a box, a capsule and a cloud around a point."""
-    places = [[*at, 0.0, 0.25, 0.0], [*at, 0.0, -0.28, 0.0], [*at, 0.12, 0.0, 0.22]]
+    places = at + np.array([[0.0, 0.25, 0.0], [0.0, -0.28, 0.0], [0.12, 0.0, 0.22]])
     cloud = rng(1, "servo cloud").uniform(-0.06, 0.06, (500, 3))
     shapes = [kpam.Shape.box([0.08, 0.08, 0.08]), kpam.Shape.capsule(0.05, 0.2), kpam.Shape.point_cloud(cloud, 0.01)]
     poses = np.tile(np.eye(4), (3, 1, 1))

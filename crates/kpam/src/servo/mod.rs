@@ -702,7 +702,7 @@ mod tests {
         let mut past: Vec<Vec<f64>> = vec![vec![0.0; 4]; 4];
         let (mut braked, mut nearest) = (0, f64::INFINITY);
         let most = [[2.0, 8.0, 600.0], [1.0, 8.0, 600.0], [2.0, 8.0, 600.0], [2.0, 8.0, 600.0]];
-        for target in 0..40 {
+        for target in 0..16 {
             let mut spread = |size: f64| std::array::from_fn::<f64, 6, _>(|_| size * (draws.unit() - 0.5));
             let [place, turn] = [spread(1.6), spread(3.0)];
             let pose = Pose::from_parts(
@@ -715,7 +715,7 @@ mod tests {
                 2 if target % 8 == 2 => Target::Rest,
                 _ => Target::Pose { pose, twist: spread(0.5) },
             };
-            for k in 0..400 {
+            for k in 0..250 {
                 let step = servo.step(&aim).unwrap();
                 braked += usize::from(step.status == ServoStatus::Braking);
                 past.remove(0);
@@ -735,6 +735,6 @@ mod tests {
             }
         }
         // The arm comes close to obstacles, and is moving most of the time.
-        assert!(nearest < 0.012 && braked < 4000, "{nearest} {braked}");
+        assert!(nearest < 0.012 && braked < 1500, "{nearest} {braked}");
     }
 }
