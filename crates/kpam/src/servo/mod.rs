@@ -704,18 +704,20 @@ mod tests {
         let most = [[2.0, 8.0, 600.0], [1.0, 8.0, 600.0], [2.0, 8.0, 600.0], [2.0, 8.0, 600.0]];
         for target in 0..16 {
             let mut spread = |size: f64| std::array::from_fn::<f64, 6, _>(|_| size * (draws.unit() - 0.5));
-            let [place, turn] = [spread(1.6), spread(3.0)];
+            // Poses lie inside the wall and the ball in turn.
+            let [x, y, z] = [[0.1, 0.4, 0.5], [0.35, -0.1, 0.75]][target / 2 % 2];
+            let turn = spread(0.6);
             let pose = Pose::from_parts(
-                Vector3::new(place[0], place[1], 0.5 + place[2]).into(),
+                Vector3::new(x, y, z).into(),
                 nalgebra::Rotation3::new(Vector3::new(turn[0], turn[1], turn[2])),
             );
             let aim = match target % 4 {
                 0 => Target::Twist(spread(6.0)),
                 1 => Target::Joints(spread(8.0)[..4].to_vec()),
-                2 if target % 8 == 2 => Target::Rest,
+                2 if target == 14 => Target::Rest,
                 _ => Target::Pose { pose, twist: spread(0.5) },
             };
-            for k in 0..250 {
+            for k in 0..400 {
                 let step = servo.step(&aim).unwrap();
                 braked += usize::from(step.status == ServoStatus::Braking);
                 past.remove(0);
