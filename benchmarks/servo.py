@@ -212,7 +212,8 @@ def check_limits(row: Row, world: World, moved: list[int], path: Array, most: tu
         used = np.abs(q[:, bounded] - middle[bounded]) / half[bounded]
         row.used[0] = max(row.used[0], float(used.max()))
         row.exceeded += int((np.abs(q[:, bounded] - middle[bounded]) > half[bounded] + 1e-6).sum())
-    for order, limit in enumerate((mechanism.velocity[moved], *most), start=1):
+    limits = [mechanism.velocity[moved], *(np.full(len(moved), value) for value in most)]
+    for order, limit in enumerate(limits, start=1):
         rates = np.abs(np.diff(q, order, axis=0)) / DT**order
         row.used[order] = max(row.used[order], float((rates / limit).max()))
         row.exceeded += int((rates > limit * (1.0 + RELATIVE) + ROUNDING[order]).sum())
