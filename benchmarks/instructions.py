@@ -21,8 +21,8 @@ from typing import Any
 
 import gensim2
 from gensim2.core.progress import ConsoleProgress
-from gensim2.instructions.composing import Composed, compose
-from gensim2.instructions.doing import is_estimable
+from gensim2.doing.carrying_out import is_estimable
+from gensim2.doing.composing import Composed, compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.steps import Lift, MoveJoint, Put, SentenceError, Step
 from gensim2.rollout.tally import interval

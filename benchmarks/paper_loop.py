@@ -40,7 +40,7 @@ from gensim2.design.base import Candidate, CandidateResult, StageResult
 from gensim2.design.diagnosis import diagnoses
 from gensim2.design.manipulation import Manipulation
 from gensim2.design.offline import OPENING
-from gensim2.design.proposals import joint_goal, redesigned
+from gensim2.design.proposals import redesigned
 from gensim2.design.unseen import seen_by_search
 from gensim2.objects import open_library
 from gensim2.rollout import worker
@@ -48,6 +48,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.tally import interval
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.likeness import joint_goal
 from gensim2.tasks.spec import TaskSpec
 
 CIRCUMSTANCES = SceneOptions("builtin")

@@ -18,7 +18,7 @@ import gensim2.objects
 PYTHON = Path(__file__).parents[1] / "python"
 
 #: Packages that must not depend on the simulator, and those that may.
-BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.scenes", "gensim2.tasks")
+BELOW_SIM = ("gensim2.instructions", "gensim2.objects", "gensim2.planning", "gensim2.scenes", "gensim2.tasks")
 ABOVE_SIM = (
     "gensim2.rollout",
     "gensim2.data",
@@ -27,7 +27,7 @@ ABOVE_SIM = (
     "gensim2_robot",
     "gensim2.design",
     "gensim2.inspection",
-    "gensim2.instructions",
+    "gensim2.doing",
 )
 FROM_SIM_UP = ("gensim2.sim", *ABOVE_SIM)
 #: Packages in order of dependency: each imports nothing of those after it.
@@ -38,7 +38,7 @@ UPWARDS = (
     "gensim2.policy",
     "gensim2.perception.estimation",
     "gensim2.design",
-    "gensim2.instructions",
+    "gensim2.doing",
     "gensim2.cli",
 )
 #: Packages within ``gensim2.objects`` with those that each may import; ``core`` is the modules beside them.

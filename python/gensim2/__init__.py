@@ -6,7 +6,7 @@ This module provides the most common functions. Each function is imported on fir
     task = gensim2.load_task("OpenDrawer")        # load a task with its strategies (gensim2.tasks)
     env = gensim2.make_env(task)                  # simulate one scene (gensim2.sim); make_vec_env simulates several
     result = gensim2.demo("OpenDrawer")           # verify the task and record demonstrations (gensim2.design)
-    result = gensim2.do("close the box")          # carry out an instruction in plain English (gensim2.instructions)
+    result = gensim2.do("close the box")          # carry out an instruction in plain English (gensim2.doing)
     result = gensim2.run_pipeline(num_tasks=1)    # propose a task, search strategies, verify and record the task
     found = gensim2.design_task("MyTask")         # search strategies for your own task
     result = gensim2.solve("OpenDrawer")          # plan the motions in one scene
@@ -27,8 +27,8 @@ from gensim2.core.lazy import lazy_names
 if TYPE_CHECKING:
     from gensim2.data import DataSet, collect, render
     from gensim2.design import demo, design_task, run_pipeline
+    from gensim2.doing import do
     from gensim2.evaluation import benchmark, evaluate
-    from gensim2.instructions import do
     from gensim2.objects import Library, open_library
     from gensim2.perception import Observation, ObservationSpec
     from gensim2.robots import load_robot, register_robot, robot, robot_names

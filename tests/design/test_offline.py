@@ -23,13 +23,13 @@ from gensim2.design import (
 from gensim2.design.drafting import chains, verbs
 from gensim2.design.joint_search import manipulation_from
 from gensim2.design.offline import wanted_ends
-from gensim2.design.proposals import joint_goal, redesigned, spec
+from gensim2.design.proposals import redesigned, spec
 from gensim2.objects import open_library
 from gensim2.objects.words import Goal, noun
 from gensim2.planning.strategies import GraspStrategy, parse_strategy
 from gensim2.tasks import load_task, task_names
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, DistanceArticulatedRigid, DistanceGripperRigid
-from gensim2.tasks.likeness import first_alike, normal_words
+from gensim2.tasks.likeness import first_alike, joint_goal, normal_words
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 SETTINGS = RobotSummary("panda", (-0.615, 0.0), 0.75, 0.08, {})

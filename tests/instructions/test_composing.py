@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gensim2.design.drafting import chains
-from gensim2.instructions.composing import compose
+from gensim2.doing.composing import compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import Put, Refusal, SentenceError, Step

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 from gensim2.design.drafting import chains, verbs
-from gensim2.design.proposals import joint_goal
 from gensim2.objects import open_library
 from gensim2.tasks.library import load_strategies, load_task, task_names
-from gensim2.tasks.likeness import likeness, normal_form, why_alike
+from gensim2.tasks.likeness import joint_goal, likeness, normal_form, why_alike
 from gensim2.tasks.spec import TaskSpec
 
 LIBRARY = open_library("builtin")

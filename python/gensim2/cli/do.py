@@ -80,7 +80,7 @@ def do(
         raise click.UsageError("--scene and --noise are options of the planner, and cannot be combined with --policy.")
     if scene_source == "true" and given["depth_noise"] is not None:
         raise click.UsageError("--noise requires a scene that is estimated from point clouds.")
-    from gensim2.instructions.doing import do as function
+    from gensim2.doing.carrying_out import do as function
 
     found = function(sentence, policy=policy, episodes=episodes, scene_source=scene_source, progress=progress, **given)
     return found.to_dict() if found.is_done else Ending(found.to_dict())

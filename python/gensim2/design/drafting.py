@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
 from gensim2.design.base import Brief, Known
-from gensim2.design.proposals import joint_goal
 from gensim2.objects.words import End, words
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid
+from gensim2.tasks.likeness import joint_goal
 from gensim2.tasks.spec import DESIGNED, HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 

@@ -21,7 +21,7 @@ from gensim2.design.drafting import ENDS, Family, chains, piece_ways
 from gensim2.design.manipulation import Manipulation
 from gensim2.objects.words import Goal, belongs
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, Criterion, RigidMoved
-from gensim2.tasks.likeness import first_alike
+from gensim2.tasks.likeness import first_alike, joint_goal, starts_below
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -128,7 +128,7 @@ class OfflineDesigner:
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
         """Return the first candidates: all rules together, each rule alone and, for a joint, also random alignments."""
-        if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
+        if task.is_single_step and (goal := joint_goal(task)) is not None:
             step, thing = task.steps[0], brief.classes[goal[0]]
             if not thing.lever_arms:
                 raise Declined("the objects of the class share no keypoint on the moving part")
@@ -153,7 +153,7 @@ class OfflineDesigner:
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
-        if not task.is_single_step or (goal := proposals.joint_goal(task)) is None:
+        if not task.is_single_step or (goal := joint_goal(task)) is None:
             return [each for each in _reordered(results) if str(each.steps) not in seen]
         found = [_team(task.steps[0], group) for group in _groups(results)]
         generator = seeding.rng(seed, f"{task.name}/refine", round)
@@ -185,7 +185,7 @@ class OfflineDesigner:
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
                 if isinstance(criterion, ArticulatedBetween):
-                    opens = proposals.starts_below(task, criterion)
+                    opens = starts_below(task, criterion)
                     return skills.joint_ways(thing, "open" if opens else "close", _end(criterion))
                 return piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
                     thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"

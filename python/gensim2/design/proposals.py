@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from typing import Any, Literal, get_args
+from typing import Any
 
 from gensim2.design.affordance import Affordance
-from gensim2.objects.words import Goal, Phrase, camel_case, halfway, handled, in_ascii, words
+from gensim2.objects.words import GOALS, Direction, Goal, Phrase, camel_case, halfway, handled, in_ascii, words
 from gensim2.tasks.criteria import (
     CLOSED,
     OPEN,
@@ -17,6 +17,7 @@ from gensim2.tasks.criteria import (
     RigidLifted,
     RigidMoved,
 )
+from gensim2.tasks.likeness import joint_goal
 from gensim2.tasks.spec import DESIGNED, HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 #: A task with a lower usefulness than this is proposed only if no task with a higher usefulness is left.
@@ -37,34 +38,12 @@ LIFT = 0.06
 #: usefulness of these tasks, which is a number from 0 to 1 that determines the order of the proposals.
 RIGID, RIGID_USEFUL = 3, 0.8
 
-Direction = Literal["left", "right", "away"]
-
 #: Ways to hand an object over: name, sentence, and start position (x, y) in the world, m.
 HANDING: dict[Direction, tuple[str, str, tuple[float, float]]] = {
     "left": ("Hand{}ToTheLeft", "hand the {} to the person on the left", (-0.1, 0.0)),
     "right": ("Hand{}ToTheRight", "hand the {} to the person on the right", (-0.1, 0.0)),
     "away": ("Hand{}Across", "hand the {} to the person across the table", (-0.15, 0.0)),
 }
-
-GOALS: tuple[Goal, ...] = get_args(Goal)
-
-
-def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
-    """Return the class and the goal of a single-step joint task; None for any other task."""
-    if not task.is_single_step or len(task.success) != 1:
-        return None
-    criterion = task.success[0]
-    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
-        return task.objects[criterion.object].asset_class, criterion.type
-    if isinstance(criterion, ArticulatedBetween):
-        goal: Goal = "half_open" if starts_below(task, criterion) else "half_closed"
-        return task.objects[criterion.object].asset_class, goal
-    return None
-
-
-def starts_below(task: TaskSpec, criterion: ArticulatedBetween) -> bool:
-    """Return whether the joint starts below the range of openness of ``criterion``, so that it must be opened."""
-    return (task.objects[criterion.object].randomization.openness_mean or 0.0) < criterion.low
 
 
 def goal_of(task: TaskSpec) -> str:

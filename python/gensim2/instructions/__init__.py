@@ -1,6 +1,6 @@
-"""Parse instructions in plain English, and carry them out in simulation.
+"""Parse instructions in plain English into steps.
 
-Names are imported on first use, so that parsing an instruction does not load the simulator.
+Names are imported on first use.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 from gensim2.core.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from gensim2.instructions.doing import DoResult, do
     from gensim2.instructions.grammar import parse
     from gensim2.instructions.steps import HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
 
-__all__ = ["DoResult", "HandOver", "Lift", "MoveJoint", "Put", "Refusal", "SentenceError", "Step", "do", "parse"]
+__all__ = ["HandOver", "Lift", "MoveJoint", "Put", "Refusal", "SentenceError", "Step", "parse"]
 
 __getattr__ = lazy_names(__name__)

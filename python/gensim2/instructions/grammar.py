@@ -12,14 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
-from gensim2.design.proposals import Direction
 from gensim2.instructions import vocabulary
 from gensim2.instructions.clauses import Clause, ClauseParser, Mention, known_objects, known_verbs, without_reason
 from gensim2.instructions.meanings import meaning, possible, solved
 from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
 from gensim2.instructions.vocabulary import Action, Noun, Words, spelled
 from gensim2.objects import words
-from gensim2.objects.words import articulated_classes, belongs, handled
+from gensim2.objects.words import Direction, articulated_classes, belongs, handled
 from gensim2.tasks.library import load_task, task_names
 
 _ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}

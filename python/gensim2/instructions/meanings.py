@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from gensim2.design.proposals import GOALS, joint_goal
 from gensim2.instructions import vocabulary
 from gensim2.instructions.clauses import ClauseParser, Mention, without_reason
 from gensim2.instructions.steps import MoveJoint
 from gensim2.instructions.vocabulary import Action, spelled
 from gensim2.objects import words
-from gensim2.objects.words import Goal, halfway
+from gensim2.objects.words import GOALS, Goal, halfway
 from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.likeness import joint_goal
 
 #: Actions that may replace an action for which an object has no meaning, in order of preference.
 _INSTEAD = {

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from gensim2.core.errors import InputError
-from gensim2.design.proposals import Direction
-from gensim2.objects.words import Goal, halfway, noun, words
+from gensim2.objects.words import Direction, Goal, halfway, noun, words
 
 SUPPORTS = {"bowl": "in", "plate": "on"}
 """Rigid classes on or in which objects are put, with the preposition."""

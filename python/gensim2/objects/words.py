@@ -9,12 +9,15 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 End = Literal["articulated_open", "articulated_closed"]
 """End states of a joint: openness 1 and 0."""
 
 Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_closed"]
+GOALS: tuple[Goal, ...] = get_args(Goal)
+Direction = Literal["left", "right", "away"]
+"""Person to whom an object is handed, as seen from the robot."""
 """Target of a joint: fully open, fully closed, or half open, starting from either limit."""
 
 UNKNOWN = 0.6

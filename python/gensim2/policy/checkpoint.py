@@ -316,8 +316,17 @@ def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[Po
     return network.eval(), table
 
 
-def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:
-    """Create the error to raise for an instruction that the policy was not trained on."""
-    message = f"was not trained on the sentence {sentence!r}"
+def unknown_sentence(
+    policy: PolicyCheckpoint, sentence: str, folder: Path | str, reason: str | None = None
+) -> CheckpointError:
+    """Create the error to raise for an instruction that the policy was not trained on.
+
+    Args:
+        policy: the checkpoint.
+        sentence: the instruction.
+        folder: folder of the checkpoint.
+        reason: steps of the instruction, or the reason why the instruction is not understood.
+    """
+    message = f"was not trained on the sentence {sentence!r}" + (f" ({reason})" if reason else "")
     remedy = f"train on the task; it knows {', '.join(policy.data.tasks)}"
     return CheckpointError(message, file=folder, field="sentences", remedy=remedy)

@@ -50,8 +50,9 @@ class PolicyController:
         execute: number of actions of each chunk to execute; None: the checkpoint's setting.
         attempts: maximum number of attempts in an episode.
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
-        unknown_sentences: treatment of instructions that were not in the training data: ``"refuse"`` raises an error,
-            ``"embed"`` encodes the instruction with the text encoder.
+        unknown_sentences: treatment of instructions that were not in the training data: ``"parse"`` replaces an
+            instruction by the training instruction with the same steps and refuses it if there is none, ``"embed"``
+            encodes the instruction with the text encoder.
         text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
             default of gensim2.
         sees: point cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros,
@@ -77,7 +78,7 @@ class PolicyController:
         execute: int | None = None,
         attempts: int = ATTEMPTS,
         denoise_steps: int | None = None,
-        unknown_sentences: str = "refuse",
+        unknown_sentences: str = "parse",
         text_model: str | None = None,
         sees: Sees = "all",
         says: Mapping[str, str] | None = None,
@@ -126,7 +127,7 @@ class PolicyController:
         """Start an episode.
 
         Raises:
-            CheckpointError: the policy was trained for another robot, or was not trained on the instruction.
+            CheckpointError: the policy was trained for another robot, or not on the steps of the instruction.
         """
         torch.set_num_threads(self._threads)
         check_robot(self._policy.robot, observation, self._folder)

@@ -183,7 +183,7 @@ def evaluate_policy(
         if name in told:
             wrong = "must not be given, because the evaluation sets this argument itself"
             raise InputError(wrong, field=f"arguments.{name}")
-    embed, says = embeds(told.get("unknown_sentences", "refuse")), substitutes(told.get("says"))
+    embed, says = embeds(told.get("unknown_sentences", "parse")), substitutes(told.get("says"))
     sentences = {one.spec.description for one in given}
     for sentence in says:
         if sentence not in sentences:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, get_args
@@ -9,16 +10,17 @@ from typing import Literal, get_args
 import torch
 
 from gensim2.core.errors import InputError
+from gensim2.instructions import SentenceError, parse
 from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.policy.text import prepare
 
-Unknown = Literal["refuse", "embed"]
+Unknown = Literal["parse", "embed"]
 """Handling of instructions that were not in the training data."""
 
 
 def embeds(word: str) -> bool:
-    """Return whether the policy encodes instructions that it was not trained on; otherwise such an instruction is an
-    error.
+    """Return whether the policy encodes instructions that it was not trained on. Otherwise it parses them, and uses the
+    training instruction with the same steps.
 
     Args:
         word: value of the option ``unknown_sentences``.
@@ -29,6 +31,30 @@ def embeds(word: str) -> bool:
     if word not in get_args(Unknown):
         raise InputError(f"must be one of {', '.join(get_args(Unknown))}, but is {word!r}", field="unknown_sentences")
     return word == "embed"
+
+
+def taught_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path) -> str:
+    """Return the training instruction of a policy that has the same steps as an instruction in other words.
+
+    Args:
+        policy: the checkpoint.
+        sentence: the instruction.
+        folder: folder of the checkpoint, for error messages.
+
+    Raises:
+        CheckpointError: the instruction is not understood, or the policy was not trained on its steps.
+    """
+    if sentence in policy.sentences:
+        return sentence
+    try:
+        wanted = parse(sentence)
+    except SentenceError as error:
+        raise unknown_sentence(policy, sentence, folder, str(error)) from error
+    for taught in policy.sentences:
+        with contextlib.suppress(SentenceError):
+            if parse(taught) == wanted:
+                return taught
+    raise unknown_sentence(policy, sentence, folder, " and ".join(step.text for step in wanted))
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
@@ -50,8 +76,7 @@ def sentence_row(
 ) -> torch.Tensor:
     """Return an encoded instruction (1, ...), from the checkpoint's table or from its text encoder.
 
-    An action-chunk policy without a text encoder ignores the instruction, so it accepts any instruction. A keypose
-    policy accepts only known instructions, because each of its output classes represents a strategy of one task.
+    An action-chunk policy without a text encoder ignores the instruction, so it accepts any instruction.
 
     Args:
         policy: the checkpoint.
@@ -62,14 +87,15 @@ def sentence_row(
             default of gensim2.
 
     Raises:
-        CheckpointError: the instruction is unknown and ``embed`` is false. The error is also raised if the checkpoint
-            names weights that are neither a default of gensim2 nor equal to ``text_model``.
+        CheckpointError: ``embed`` is false, and the instruction is not understood or has other steps than the training
+            instructions. The error is also raised if the checkpoint names weights that are neither a default of
+            gensim2 nor equal to ``text_model``.
         InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"
     if sentence in policy.sentences or looks_at_none:
         return policy.row_of(sentence, folder)
     if not embed:
-        raise unknown_sentence(policy, sentence, folder)
+        return policy.row_of(taught_sentence(policy, sentence, folder), folder)
     policy.require_text_model(text_model, folder)
     return prepare([sentence], policy.config)

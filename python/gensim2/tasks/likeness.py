@@ -12,7 +12,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gensim2.tasks.criteria import Criterion
+from gensim2.objects.words import Goal
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 ALIKE = 85.0
@@ -159,3 +160,21 @@ def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)
+
+
+def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
+    """Return the class and the goal of a single-step joint task; None for any other task."""
+    if not task.is_single_step or len(task.success) != 1:
+        return None
+    criterion = task.success[0]
+    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
+        return task.objects[criterion.object].asset_class, criterion.type
+    if isinstance(criterion, ArticulatedBetween):
+        goal: Goal = "half_open" if starts_below(task, criterion) else "half_closed"
+        return task.objects[criterion.object].asset_class, goal
+    return None
+
+
+def starts_below(task: TaskSpec, criterion: ArticulatedBetween) -> bool:
+    """Return whether the joint starts below the range of openness of ``criterion``, so that it must be opened."""
+    return (task.objects[criterion.object].randomization.openness_mean or 0.0) < criterion.low

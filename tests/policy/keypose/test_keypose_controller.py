@@ -216,7 +216,7 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     with pytest.raises(CheckpointError, match="was not trained on the sentence 'shove it'"):
         KeyposeController(str(folder), says={"push the bar": "shove it"}).reset(seen, 0)
     KeyposeController(str(folder), says={"shove it": "push the bar"}).reset(replace(seen, language="shove it"), 0)
-    with pytest.raises(InputError, match="must be one of refuse, embed"):
+    with pytest.raises(InputError, match="must be one of parse, embed"):
         KeyposeController(str(folder), unknown_sentences="guess")
     ways = json.loads((folder / "keypose.json").read_text())
     (folder / "keypose.json").write_text(json.dumps({**ways, "ways": ways["ways"][:1]}))

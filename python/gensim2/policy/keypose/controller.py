@@ -73,8 +73,9 @@ class KeyposeController:
             ``"other"`` for the cloud of another scene.
         says: instructions to replace: a mapping from a task's instruction to the instruction that the policy gets
             instead.
-        unknown_sentences: treatment of instructions that were not in the training data: ``"refuse"`` raises an error,
-            ``"embed"`` encodes the instruction with the text encoder.
+        unknown_sentences: treatment of instructions that were not in the training data: ``"parse"`` replaces an
+            instruction by the training instruction with the same steps and refuses it if there is none, ``"embed"``
+            encodes the instruction with the text encoder.
         text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
             default of gensim2.
 
@@ -97,7 +98,7 @@ class KeyposeController:
         checkpoint: str,
         sees: Sees = "all",
         says: Mapping[str, str] | None = None,
-        unknown_sentences: str = "refuse",
+        unknown_sentences: str = "parse",
         text_model: str | None = None,
     ) -> None:
         folder = checkpoint_folder(checkpoint)
@@ -136,7 +137,7 @@ class KeyposeController:
         """Start an episode.
 
         Raises:
-            CheckpointError: the policy was trained for another robot, or was not trained on the instruction.
+            CheckpointError: the policy was trained for another robot, or not on the steps of the instruction.
         """
         torch.set_num_threads(1)
         check_robot(self._policy.robot, observation, self._folder)

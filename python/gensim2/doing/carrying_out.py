@@ -15,8 +15,8 @@ from gensim2.core.pages import template
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import SCHEMA_VERSION
 from gensim2.data.runfolder import TaskFolder, default_run_dir
+from gensim2.doing.composing import Composed, compose
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
-from gensim2.instructions.composing import Composed, compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.steps import MoveJoint, Step
 from gensim2.objects import open_library
@@ -218,5 +218,5 @@ def _told(episode: Episode, task: TaskSpec) -> dict[str, Any]:
 def _write_page(result: DoResult, run_dir: Path) -> None:
     """Write the page of a run: the steps, the episodes and the videos."""
     films: Sequence[str] = [os.path.relpath(each, run_dir) for each in result.videos]
-    page = template("gensim2.instructions", "instruction.html.j2").render(told=result.to_dict(), films=films)
+    page = template("gensim2.doing", "instruction.html.j2").render(told=result.to_dict(), films=films)
     write_atomic(run_dir / PAGE, page)
