@@ -30,8 +30,7 @@ import numpy as np
 
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in (".", "tests/common")]
 
-from judge import least_distance
-from parts import Moved
+from parts import Moved, least_distance
 from random_plans import wheel_robots
 from tests.kpam.random_problems import Solid, robot_of
 from tests.kpam.six_arms import ARMS, six_arm
