@@ -219,7 +219,7 @@ impl Guard {
                 continue;
             }
             let bound = self.suspects[k].gap[lane];
-            if !self.measured[k][lane] && !(bound >= CLOSE) {
+            if !self.measured[k][lane] && (bound.is_nan() || bound < CLOSE) {
                 let need = screen.needed(&self.needs, group, other);
                 let reach = need + f64::from(bound.max(0.0) + CLOSE);
                 let distance = screen.distance(group, other, self.posed(motion, lane), reach);
@@ -228,7 +228,7 @@ impl Guard {
             }
             let gap = self.suspects[k].gap[lane];
             least = if gap >= least { least } else { gap };
-            if self.measured[k][lane] && !(gap >= 0.0) {
+            if self.measured[k][lane] && (gap.is_nan() || gap < 0.0) {
                 self.blocked = Some((group, other));
             }
         }
