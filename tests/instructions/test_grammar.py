@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +21,7 @@ from gensim2.objects.words import articulated_classes, belongs, noun, parts, rig
 from gensim2.tasks.library import load_task, task_names
 
 DEVELOPMENT = tomllib.loads((Path(__file__).parent / "development.toml").read_text())["sentences"]
+PARAPHRASES = yaml.safe_load((Path(__file__).parent / "paraphrases.yaml").read_text())
 
 JOINTS = sorted(solved(), key=str)
 #: Rigid objects that are put somewhere.
@@ -49,6 +51,50 @@ def test_the_sentences_of_the_development_are_understood(each: dict[str, Any]) -
         assert [in_words(step) for step in parse(each["say"])] == each["meant"]
     else:
         assert str(refused(each["say"])).startswith("sentence: ")
+
+
+@pytest.mark.parametrize("meant", PARAPHRASES["paraphrases"])
+def test_other_words_for_a_task_are_understood(meant: str) -> None:
+    steps = parse(meant)
+    for sentence in PARAPHRASES["paraphrases"][meant]:
+        if sentence in PARAPHRASES["refused"]:
+            refused(sentence)
+        else:
+            assert parse(sentence) == steps, sentence
+
+
+@pytest.mark.parametrize("sentence", PARAPHRASES["unrelated"])
+def test_an_unrelated_sentence_is_refused(sentence: str) -> None:
+    refused(sentence)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "opposite"),
+    [
+        ("get the {} open", "get the {} shut"),
+        ("make sure the {} is open", "make sure the {} is closed"),
+        ("the {} must be opened, please", "the {} must be shut, please"),
+        ("lift the lid of the {}", "put the lid of the {} down"),
+        ("flip the lid of the {} up", "flip the lid of the {} down"),
+        ("pull up the cover of the {}", "push down the cover of the {}"),
+    ],
+)
+def test_other_words_for_opposites_stay_opposite(sentence: str, opposite: str) -> None:
+    for name in ("box", "suitcase", "laptop"):
+        assert parse(sentence.format(name)) == parse(f"open the {name}")
+        assert parse(opposite.format(name)) == parse(f"close the {name}")
+
+
+def test_a_state_that_is_said_twice_is_one_step() -> None:
+    assert parse("the box must be closed, please shut it") == parse("close the box")
+    assert len(parse("open the box, close it, open it")) == 3
+
+
+def test_a_grip_is_not_a_step() -> None:
+    assert parse("grab the handle of the bucket and lift it") == parse("lift the bucket by its handle")
+    assert refused("grab the handle of the bucket").reason == Refusal.INCOMPLETE
+    assert refused("open the box and grab the handle of the bucket").reason == Refusal.INCOMPLETE
+    assert refused("grab the handle of the bucket and open the box").reason == Refusal.INCOMPLETE
 
 
 def test_nearly_every_description_of_the_library_is_understood() -> None:
@@ -143,6 +189,8 @@ def test_pronouns_parts_and_lists(sentence: str, meant: list[str] | None) -> Non
 def test_a_reason_does_not_add_a_step() -> None:
     assert parse("open the window so that you can shout and sing") == parse("open the window")
     assert parse("close the laptop to tidy the desk") == parse("close the laptop")
+    assert parse("push the door shut so nobody can come in") == parse("close the door")
+    assert parse("I want you to get the box open") == parse("open the box")
     two = parse("open the window because it is hot, and close the door")
     assert two == (*parse("open the window"), *parse("close the door"))
 
@@ -208,6 +256,13 @@ PHRASES = (
     *vocabulary.OUT_OF,
     *vocabulary.REASONS,
     *vocabulary.VERBS,
+    *vocabulary.PHRASAL,
+    *vocabulary.PARTICIPLES,
+    *vocabulary.GERUNDS,
+    *vocabulary.NEEDS,
+    *vocabulary.BY_PART,
+    *vocabulary.PLACES,
+    *(phrase for each in vocabulary.WISHES.items() for group in each for phrase in group),
     *vocabulary.DETERMINERS,
     *vocabulary.ADJECTIVES,
     *vocabulary.STATES,

@@ -52,6 +52,8 @@ class Clause:
         objects: direct objects.
         into, onto, to, source: objects of the prepositional phrases.
         direction: direction in which an object is handed over.
+        gripped: whether the clause names the part by which the object is taken, as in "by its handle".
+        restates: whether the clause may say again what another clause asks for, as in "the box must be closed".
     """
 
     text: str
@@ -64,6 +66,8 @@ class Clause:
     to: Mention | None = None
     source: Mention | None = None
     direction: str | None = None
+    gripped: bool = False
+    restates: bool = False
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -80,15 +84,19 @@ class Clause:
             if self.half and self.modifiers in ([], ["open"]):
                 return Action.CLOSE
             raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, "say 'leave the door ajar', or what to do")
-        found = vocabulary.VERBS[verb].get(tuple(sorted(set(self.modifiers))))
-        if found is None:
+        modifiers = {*self.modifiers} - {"lifted"}
+        found = vocabulary.VERBS[verb].get(tuple(sorted(modifiers)))
+        lifted = "lifted" in self.modifiers and found not in (Action.LIFT, Action.TAKE)
+        of_part = found in vocabulary.SWINGS
+        of_part |= found in (Action.LIFT, Action.LOWER) and verb in vocabulary.OF_PARTS
+        if found is None or lifted or (of_part and None in parts):
             raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, f"{verb!r} does not go with the other words")
-        if found in (Action.LIFT, Action.LOWER) and parts & vocabulary.COVERS:
-            return Action.OPEN if found is Action.LIFT else Action.CLOSE
-        if found is Action.PUSH and parts & vocabulary.PRESSED:
-            return Action.PRESS
-        if found in (Action.PUT, Action.TAKE) and parts & vocabulary.COVERS:
-            return Action.CLOSE if found is Action.PUT else Action.OPEN
+        if found is Action.TAKE and verb in vocabulary.GRASPS and not modifiers:
+            return found
+        if parts & vocabulary.COVERS:
+            return vocabulary.OF_COVER.get(found, found)
+        if parts & vocabulary.PRESSED:
+            return vocabulary.OF_PRESSED.get(found, found)
         return found
 
 
@@ -114,16 +122,16 @@ class ClauseParser:
             if self._at == len(self._words):
                 return found
             start = self._at
-            if found and (more := self._continuation(found[-1])) is not None:
+            more = self._state()
+            if more is None and found:
+                more = self._continuation(found[-1])
+            if more is not None:
                 found.append(more)
                 continue
             verbs = self._verbs()
             if not verbs:
                 raise self._no_verb(start)
-            clause = Clause("", verbs)
-            self._complete(clause)
-            clause.text = self._text(start)
-            found.append(clause)
+            found.append(self._completed(Clause("", verbs), start))
 
     def next_mention(self) -> Mention | None:
         """Return the next noun phrase with a known noun, and skip the words before it; None if there is no other."""
@@ -179,8 +187,9 @@ class ClauseParser:
                     self._at += 1
                     inner = self._noun_phrase(frozenset())
                     assert inner is not None
+                    part = vocabulary.own_part(inner.noun, part) or part
                     return Mention(self._text(start), inner.noun, part, state=state)
-                return Mention(self._text(start), part=part, state=state)
+                return Mention(self._text(start), part=vocabulary.usual_part(part), state=state)
             word = self._word()
             if word in vocabulary.STATES:
                 state = vocabulary.STATES[word]
@@ -197,14 +206,15 @@ class ClauseParser:
 
     def _own_part(self, noun: Noun) -> str | None:
         """Read a part that follows its object, as in "the microwave door"."""
-        word = self._word()
-        if any(word in words.parts(each) for each in noun.classes):
-            self._at += 1
-            return word
-        return None
+        part = vocabulary.own_part(noun, self._word())
+        self._at += part is not None
+        return part
 
     def _verbs(self) -> tuple[str, ...]:
         """Read one verb, or two verbs with the same objects; empty if no verb comes."""
+        if (length := longest(self._at, self._words, list(_PHRASAL))) > 0:
+            self._at += length
+            return (_PHRASAL[self._words[self._at - length : self._at]],)
         first = self._word()
         if first not in vocabulary.VERBS:
             return ()
@@ -214,6 +224,41 @@ class ClauseParser:
             return first, self._words[self._at - 1]
         return (first,)
 
+    def _state(self) -> Clause | None:
+        """Read a wish for a state, as in "make sure the box is shut" or "the box must be closed"."""
+        start = self._at
+        verb = vocabulary.GERUNDS.get(self._word())
+        if verb is not None and any(self._words[start - len(each) : start] == each for each in _MIND):
+            self._at += 1
+            return self._completed(Clause("", (verb,)), start)
+        for wishes, links in _WISHES.items():
+            self._at = start
+            if not self._comes_longest(wishes) and () not in wishes:
+                continue
+            wanted = self.mention(frozenset(("of", "on", "from")))
+            if wanted is None:
+                continue
+            verb = vocabulary.GERUNDS.get(self._word(1))
+            if () in wishes and verb is not None and self._comes_longest(_NEEDS):
+                self._at += 1
+                return self._completed(Clause("", (verb,), objects=[wanted], restates=True), start)
+            if not self._comes_longest(links) and () not in links:
+                continue
+            self._skip(_NEUTRAL)
+            if self._word() in vocabulary.PARTICIPLES:
+                verb, modifiers = vocabulary.PARTICIPLES[self._word()]
+                self._at += 1
+                clause = Clause("", (verb,), list(modifiers), objects=[wanted], restates=True)
+                return self._completed(clause, start)
+        self._at = start
+        return None
+
+    def _completed(self, clause: Clause, start: int) -> Clause:
+        """Read the rest of a clause that begins at the word ``start``."""
+        self._complete(clause)
+        clause.text = self._text(start)
+        return clause
+
     def _continuation(self, last: Clause) -> Clause | None:
         """Read a clause that shares the verb of the clause before: "... and off again", or "... and the pear on the
         plate".
@@ -222,30 +267,37 @@ class ClauseParser:
         modifier = self._modifier()
         self._skip(_NEUTRAL)
         if modifier is not None and modifier != "half" and self._ends():
-            return Clause(self._text(start), (verb,), [modifier], objects=list(last.objects))
+            return Clause(self._text(start), (verb,), [modifier], objects=list(last.objects), restates=True)
         self._at = start
         if self._word() in vocabulary.VERBS and self._phrase(start) is None:
             return None
         clause = Clause("", (verb,))
         if self._phrase(start) is None or Action.PUT not in vocabulary.VERBS[verb].values():
             return None
-        self._complete(clause)
-        clause.text = self._text(start)
-        return clause
+        return self._completed(clause, start)
 
     def _complete(self, clause: Clause) -> None:
         """Read everything that belongs to the verb of a clause."""
         attach = frozenset(("of",)) if self._puts(clause) else frozenset(("of", "on", "off", "from"))
-        while not self._ends():
-            if clause.objects and self._prepositional(clause):
+        while True:
+            if self._by_part():
+                clause.gripped = True
+                continue
+            if self._ends():
+                break
+            if clause.objects and (self._same_object(clause) or self._prepositional(clause)):
                 continue
             if not clause.objects and self._objects(clause, attach):
                 continue
-            if self._by_part():
+            if self._word() == "to" and self._ends(1):
+                self._at += 1
+                clause.modifiers.append("shut")
                 continue
             if self._comes("half", "open"):
                 clause.half = True
                 clause.modifiers.append("open")
+                continue
+            if (clause.modifiers or not self._puts(clause)) and self._skip(_PLACES):
                 continue
             modifier = self._modifier()
             if modifier is not None:
@@ -311,16 +363,37 @@ class ClauseParser:
                 self._at += length
                 clause.into = THERE
                 return True
-        if takes and clause.source is None and self._comes("out"):
+        away = longest(self._at, self._words, _MODIFIERS["away"]) > 0
+        if takes and not away and clause.source is None and self._comes("out"):
             clause.source = THERE
             return True
         return False
 
+    def _same_object(self, clause: Clause) -> bool:
+        """Read a phrase that names the object a second time with another noun, as in "the water from the tap"."""
+        start, first = self._at, clause.objects[0]
+        if self._comes_longest(_OF_SAME):
+            found = self.mention(frozenset())
+            if (
+                found is not None
+                and found.noun is not None
+                and found.noun is first.noun
+                and found.text.split()[-1] != first.text.split()[-1]
+            ):
+                return True
+        self._at = start
+        return False
+
     def _by_part(self) -> bool:
         """Read a phrase such as "by its handle"."""
-        if self._word() == "by" and self._word(1) in vocabulary.DETERMINERS and self._word(2) in vocabulary.parts():
-            self._at += 3
-            return True
+        start = self._at
+        self._comes(",")
+        if self._comes_longest(_BY_PART):
+            self._at += self._word() in vocabulary.DETERMINERS
+            if self._word() in vocabulary.parts():
+                self._at += 1
+                return True
+        self._at = start
         return False
 
     def _modifier(self) -> str | None:
@@ -344,9 +417,18 @@ class ClauseParser:
         self._at += len(phrase)
         return True
 
-    def _ends(self) -> bool:
-        """Return whether the clause ends at the current word."""
-        return self._at == len(self._words) or longest(self._at, self._words, _CONNECTORS) > 0
+    def _comes_longest(self, phrases: Sequence[Words]) -> bool:
+        """Read the longest of several phrases, if one comes next."""
+        length = longest(self._at, self._words, phrases)
+        self._at += length
+        return length > 0
+
+    def _ends(self, ahead: int = 0) -> bool:
+        """Return whether the clause ends at the current word, or ``ahead`` words behind it."""
+        at = self._at + ahead
+        return (
+            at == len(self._words) or longest(at, self._words, [*_CONNECTORS, *_NEUTRAL] if ahead else _CONNECTORS) > 0
+        )
 
     def _word(self, ahead: int = 0) -> str:
         at = self._at + ahead
@@ -398,6 +480,11 @@ def _group(phrases: Sequence[str]) -> list[Words]:
 _CONNECTORS = _group(vocabulary.CONNECTORS)
 _POLITE = _group(vocabulary.POLITE)
 _NEUTRAL = _group(vocabulary.NEUTRAL)
+_PLACES, _BY_PART = _group(vocabulary.PLACES), _group(vocabulary.BY_PART)
+_OF_SAME = _group(("of", "from", "out of", "at", "in", "on"))
+_NEEDS, _MIND = _group(vocabulary.NEEDS), _group(vocabulary.MIND)
+_WISHES = {tuple(_group(wishes)): _group(links) for wishes, links in vocabulary.WISHES.items()}
+_PHRASAL = {spelled(phrase): verb for phrase, verb in vocabulary.PHRASAL.items()}
 _NOUNS = list(vocabulary.nouns())
 _INTO, _ONTO, _TO = _group(vocabulary.INTO), _group(vocabulary.ONTO), _group(vocabulary.TO)
 _OUT_OF, _THERE = _group(vocabulary.OUT_OF), _group(vocabulary.THERE)
@@ -414,7 +501,9 @@ def without_reason(sentence: Words) -> Words:
     for purpose in _purposes():
         if sentence[-len(purpose) :] == purpose:
             sentence = sentence[: -len(purpose)]
-    start = next((at for at in range(1, len(sentence)) if longest(at, sentence, _REASONS)), None)
+    starts = (at for at in range(1, len(sentence)) if longest(at, sentence, _REASONS))
+    # "I want you to get the box open" is polite, and not a reason.
+    start = next((at for at in starts if not any(sentence[: at + 1][-len(each) :] == each for each in _POLITE)), None)
     if start is None:
         return sentence
     end = next((at for at in range(start, len(sentence)) if _begins_instruction(at, sentence)), len(sentence))

@@ -2,8 +2,9 @@
 
 The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the nouns of ``objects/words.toml``. It
 understands articles, adjectives, lists ("the apple and the lemon"), pronouns ("it", "there"), omitted verbs ("turn the
-faucet on and off again") and reasons ("so that it can dry"). It refuses every sentence with a word that it does not
-know, with a negation, or with a request that no task of the library carries out. It never guesses the nearest task.
+faucet on and off again"), wishes ("the box must be closed") and reasons ("so that it can dry"). It refuses every
+sentence with a word that it does not know, with a negation, or with a request that no task of the library carries out.
+It never guesses the nearest task.
 """
 
 from __future__ import annotations
@@ -108,6 +109,8 @@ class _Reading:
         self._group: list[Noun] = []
         self._held: list[_Held] = []
         self._put_into: dict[Noun, str] = {}
+        self._gripped: tuple[Noun, Clause] | None = None
+        self._restated = False
 
     def steps(self) -> tuple[Step, ...]:
         """Return all steps.
@@ -119,6 +122,7 @@ class _Reading:
             (held,) = self._held
             return (Lift(held.noun.classes[0]),)
         self._require_empty_hand()
+        self._require_use_of_grip([])
         if not self._steps:
             raise SentenceError(Refusal.EMPTY, "", known_verbs())
         return tuple(self._steps)
@@ -135,7 +139,11 @@ class _Reading:
             SentenceError: the clause cannot be done.
         """
         for action in clause.actions:
-            if action is Action.PUT:
+            if action is Action.TAKE and self._grips(clause):
+                continue
+            if action is Action.TAKE and self._picks_up(clause):
+                self._move(clause, Action.LIFT)
+            elif action is Action.PUT:
                 self._put(clause)
             elif action is Action.TAKE:
                 self._take(clause)
@@ -143,6 +151,36 @@ class _Reading:
                 self._hand(clause)
             else:
                 self._move(clause, action)
+            self._require_use_of_grip(self._group)
+        self._restated = clause.restates
+
+    def _grips(self, clause: Clause) -> bool:
+        """Return whether a clause only takes hold of an object that the next clause moves, as in "grab the handle of
+        the bucket and lift it".
+        """
+        (mention,) = clause.objects if len(clause.objects) == 1 else (None,)
+        if mention is None or mention.noun is None or mention.noun.rigid or clause.modifiers or clause.source:
+            return False
+        if mention.part is None and not clause.gripped:
+            return False
+        self._require_use_of_grip([])
+        self._gripped = self._resolved(mention, lambda noun: True), clause
+        return True
+
+    def _require_use_of_grip(self, moved: list[Noun]) -> None:
+        """Check that the objects that were moved are those that the hand took hold of, and forget the grip.
+
+        Raises:
+            SentenceError: the hand took hold of another object.
+        """
+        if self._gripped is not None and self._gripped[0] not in moved:
+            raise SentenceError(Refusal.INCOMPLETE, self._gripped[1].text, "say what to do with the object")
+        self._gripped = None
+
+    def _picks_up(self, clause: Clause) -> bool:
+        """Return whether a clause picks up an articulated object."""
+        whole = clause.source is None and not {"up", "lifted"}.isdisjoint(clause.modifiers)
+        return whole and not any(self._lifts_rigid(each) for each in clause.objects)
 
     def _move(self, clause: Clause, action: Action) -> None:
         """Add the steps that move joints, or that lift rigid objects."""
@@ -168,7 +206,8 @@ class _Reading:
                 raise self._impossible(clause.text, named)
             if (each.state, step.goal) in _ALREADY:
                 raise SentenceError(Refusal.ORDER, clause.text, f"the {named.name} is {each.state} already")
-            self._steps.append(step)
+            if not ((clause.restates or self._restated) and self._steps and self._steps[-1] == step):
+                self._steps.append(step)
             moved.append(named)
         self._group = moved
 

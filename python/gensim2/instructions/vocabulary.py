@@ -46,7 +46,7 @@ class Action(StrEnum):
 
 #: Modifiers of verbs, with all phrases that express them.
 MODIFIERS: Final[dict[str, tuple[str, ...]]] = {
-    "open": ("open", "wide open"),
+    "open": ("open", "opened", "wide open"),
     "shut": ("shut", "closed"),
     "on": ("on",),
     "off": ("off",),
@@ -54,9 +54,38 @@ MODIFIERS: Final[dict[str, tuple[str, ...]]] = {
     "down": ("down", "downwards", "downward"),
     "in": ("in", "inwards"),
     "out": ("out", "outwards"),
-    "over": ("over",),
-    "back": ("back",),
-    "away": ("away", "further away", "farther away", "forward", "forwards", "further", "farther", "away from you"),
+    "over": (
+        "over",
+        "across",
+        *(
+            f"{before}{side} side"
+            for before in ("", "over ", "across ")
+            for side in ("to the other", "to the opposite", "to its other")
+        ),
+    ),
+    "back": (
+        "back",
+        "backwards",
+        "backward",
+        *(f"{to} the back{end}" for to in ("to", "toward", "towards") for end in ("", " of the table")),
+    ),
+    "forward": ("forward", "forwards"),
+    "away": (
+        "away",
+        "further",
+        "farther",
+        "further off",
+        "farther off",
+        "along",
+        "along the table",
+        "out of the way",
+        "out of my way",
+        "away from you",
+        "away from yourself",
+        "away from me",
+        "away from us",
+        "away from the robot",
+    ),
     "closer": (
         "closer",
         "nearer",
@@ -71,6 +100,10 @@ MODIFIERS: Final[dict[str, tuple[str, ...]]] = {
         "to you",
         "here",
     ),
+    "run": ("run", "running", "flow", "flowing", "going", "from running", "from flowing"),
+    "stop": ("stop",),
+    "fall": ("fall", "drop"),
+    "lifted": ("off the table", "from the table", "off the floor", "off the ground", "into the air"),
     "half": ("halfway", "half way", "half", "to half", "partly", "partway", "partially", "ajar"),
 }
 
@@ -81,46 +114,91 @@ NEUTRAL: Final = (
     "a little bit",
     "again",
     "all the way",
+    "as far as it goes",
+    "as far as possible",
+    "as far as you can",
+    "as wide as possible",
+    "at once",
     "also",
     "as well",
+    "behind me",
+    "behind you",
     "carefully",
     "completely",
     "entirely",
+    "firmly",
     "for me",
+    "for now",
+    "for us",
     "fully",
     "gently",
+    "if you can",
+    "if you please",
+    "if you would",
+    "immediately",
+    "just",
     "now",
     "once",
     "once more",
     "please",
+    "properly",
     "quickly",
     "quietly",
+    "right away",
     "right now",
     "slightly",
     "slowly",
+    "softly",
+    "some more",
+    "straight away",
+    "tightly",
+    "thank you",
+    "thanks",
     "too",
+    "wide",
+    "with one hand",
+    "with your hand",
 )
+
+#: Places of an object that do not change the meaning of an instruction, unless the object is put there.
+PLACES: Final = ("on the table", "on the desk", "on the counter", "on the floor", "in the kitchen", "in front of you")
 
 #: Phrases in front of an instruction that do not change its meaning.
 POLITE: Final = (
+    "alright",
+    "be so kind as to",
+    "be sure to",
     "can you",
     "could you",
+    "do you mind",
     "go and",
     "go ahead and",
     "hello",
+    "help me",
+    "help me to",
     "hey",
     "hi",
+    "i'd like you to",
     "i need you to",
     "i want you to",
     "i would like you to",
+    "just",
     "kindly",
+    "let's",
+    "make sure to",
+    "make sure you",
+    "make sure that you",
     "ok",
     "okay",
     "please",
     "robot",
     "will you",
     "would you",
+    "would you mind",
     "you can",
+    "you have to",
+    "you must",
+    "you need to",
     "you should",
     "your task is to",
 )
@@ -162,7 +240,6 @@ NEGATIONS: Final = frozenset(
         "unless",
         "avoid",
         "refuse",
-        "stop",
         "refrain",
         "dont",
         "doesnt",
@@ -176,7 +253,89 @@ NEGATIONS: Final = frozenset(
 )
 
 #: Words that begin the reason of an instruction, which the parser leaves out.
-REASONS: Final = ("so that", "because", "in order to", "since", "to let", "to look", "for a quick look")
+REASONS: Final = (
+    "so that",
+    *(
+        f"so {subject}"
+        for subject in ("i", "you", "he", "she", "it", "we", "they", "the", "my", "our", "your", "there")
+    ),
+    *(
+        f"so {subject}"
+        for subject in ("nobody", "no one", "nothing", "somebody", "someone", "anyone", "everyone", "people")
+    ),
+    "because",
+    "in order to",
+    "since",
+    *(f"to {verb}" for verb in ("let", "look", "see", "check", "keep", "save", "protect", "use", "reach", "access")),
+    *(f"to {verb}" for verb in ("get", "make", "toast", "start it", "wash", "fill", "dry", "cool", "pack", "work")),
+    "for a quick look",
+)
+
+#: Forms of verbs: the verb, its participle and its gerund.
+_FORMS: Final = (
+    ("open", "opened", "opening"),
+    ("close", "closed", "closing"),
+    ("shut", "shut", "shutting"),
+    ("turn", "turned", "turning"),
+    ("switch", "switched", "switching"),
+    ("flip", "flipped", "flipping"),
+    ("fold", "folded", "folding"),
+    ("unfold", "unfolded", "unfolding"),
+    ("tip", "tipped", "tipping"),
+    ("put", "put", "putting"),
+    ("press", "pressed", "pressing"),
+    ("push", "pushed", "pushing"),
+    ("shove", "shoved", "shoving"),
+    ("pull", "pulled", "pulling"),
+    ("move", "moved", "moving"),
+    ("slide", "slid", "sliding"),
+    ("swing", "swung", "swinging"),
+    ("lift", "lifted", "lifting"),
+    ("raise", "raised", "raising"),
+    ("lower", "lowered", "lowering"),
+    ("pick", "picked", "picking"),
+    ("start", "started", "starting"),
+    ("stop", "stopped", "stopping"),
+    ("cut", "cut", "cutting"),
+)
+
+#: Words for a state that is asked for, with the verb and the modifiers that bring it about.
+PARTICIPLES: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
+    **{participle: (verb, ()) for verb, participle, _ in _FORMS},
+    "open": ("open", ()),
+    "on": ("turn", ("on",)),
+    "off": ("turn", ("off",)),
+    "running": ("turn", ("on",)),
+    "flowing": ("turn", ("on",)),
+}
+
+GERUNDS: Final = {gerund: verb for verb, _, gerund in _FORMS}
+
+#: Phrases that begin a wish for a state, with the phrases that come between the object and the state.
+WISHES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
+    (
+        "make sure",
+        "make sure that",
+        "make certain",
+        "make certain that",
+        "be sure",
+        "be sure that",
+        "ensure",
+        "ensure that",
+        "see to it that",
+        "see that",
+        "take care that",
+    ): ("is", "are", "gets", "get"),
+    ("i want", "we want", "i need", "we need", "i would like", "we would like", "i'd like", "we'd like"): ("", "to be"),
+    ("",): (
+        *(f"{must} be" for must in ("must", "should", "ought to", "has to", "have to", "needs to", "need to", "is to")),
+        *(f"{must} get" for must in ("must", "should", "has to", "have to", "needs to", "need to")),
+    ),
+}
+
+#: Phrases before a gerund that ask for an action: on the object before them, and on the object behind the gerund.
+NEEDS: Final = ("needs", "need")
+MIND: Final = ("would you mind", "do you mind")
 
 DETERMINERS: Final = frozenset(
     (
@@ -236,6 +395,7 @@ ADJECTIVES: Final = frozenset(
         "clean",
         "dirty",
         "round",
+        "running",
     )
 )
 
@@ -261,13 +421,55 @@ HANDING: Final = {
     "away": ("to the person across the table", "to the person across", "across the table", "across"),
 }
 
+#: Phrases before a part with which an action is done, such as "by its handle".
+BY_PART: Final = (
+    *(
+        "by",
+        "with",
+        "using",
+        "at",
+        "holding",
+        "holding it by",
+        "grabbing",
+        "grabbing it by",
+        "by using",
+        "holding on to",
+    ),
+    *(
+        f"by {doing}"
+        for doing in ("pressing", "pushing", "pulling", "lifting", "turning", "moving", "grabbing", "holding")
+    ),
+    *(f"by {doing} down" for doing in ("pressing", "pushing", "pulling")),
+)
+
 Actions = dict[Words, Action]
 """Actions of a verb, by its modifiers in alphabetical order, without "half"."""
 
-_MOVES: Actions = {("away",): Action.PUSH, ("back",): Action.PUSH, ("closer",): Action.PULL}
+_MOVES: Actions = {
+    ("away",): Action.PUSH,
+    ("away", "back"): Action.PUSH,
+    ("back",): Action.PUSH,
+    ("back", "closer"): Action.PULL,
+    ("closer",): Action.PULL,
+}
+_FORWARD: Actions = {("forward",): Action.PUSH, ("away", "forward"): Action.PUSH}
 _SWITCH: Actions = {("on",): Action.TURN_ON, ("off",): Action.TURN_OFF}
-_SHUT: Actions = {("shut",): Action.CLOSE, ("in",): Action.CLOSE}
-_OPENED: Actions = {("open",): Action.OPEN}
+_CLOSED: Actions = {
+    ("shut",): Action.CLOSE,
+    ("back", "shut"): Action.CLOSE,
+    ("down", "shut"): Action.CLOSE,
+}
+_SHUT: Actions = {**_CLOSED, ("in",): Action.CLOSE, ("back", "in"): Action.CLOSE}
+_OPENED: Actions = {("open",): Action.OPEN, ("open", "up"): Action.OPEN}
+_ENDS: Actions = {**_OPENED, **_CLOSED}
+_OVER: Actions = {("over",): Action.SWING, ("back", "over"): Action.SWING_BACK}
+_TIPPED: Actions = {
+    **_ENDS,
+    ("up",): Action.LIFT,
+    ("down",): Action.LOWER,
+    ("back",): Action.SWING_BACK,
+    **_OVER,
+}
 _OUT: Actions = {("out",): Action.OPEN, ("open", "out"): Action.OPEN}
 _PUT: Actions = {
     (): Action.PUT,
@@ -281,17 +483,63 @@ _RAISE: Actions = {(): Action.LIFT, ("up",): Action.LIFT, ("off",): Action.OPEN,
 
 #: Actions of each verb.
 VERBS: Final[dict[str, Actions]] = {
-    "open": {(): Action.OPEN, ("up",): Action.OPEN},
-    "close": {(): Action.CLOSE, ("up",): Action.CLOSE},
-    "shut": {(): Action.CLOSE, ("up",): Action.CLOSE, ("down",): Action.CLOSE},
+    "open": {(): Action.OPEN, ("up",): Action.OPEN, ("back", "up"): Action.OPEN, **_OPENED},
+    "unfold": {(): Action.OPEN, **_OPENED},
+    "close": {(): Action.CLOSE, ("up",): Action.CLOSE, ("back", "up"): Action.CLOSE, **_CLOSED},
+    "shut": {(): Action.CLOSE, ("up",): Action.CLOSE, ("down",): Action.CLOSE, ("off",): Action.TURN_OFF},
+    "uncover": {(): Action.OPEN},
+    "pop": _ENDS,
+    "slam": {(): Action.CLOSE, **_CLOSED},
     "leave": {},
-    "turn": {**_SWITCH, ("down",): Action.TURN_OFF},
+    "have": _ENDS,
+    "make": {("run",): Action.TURN_ON, ("stop",): Action.TURN_OFF},
+    "turn": {
+        **_SWITCH,
+        ("down",): Action.TURN_OFF,
+        **_OVER,
+        ("back",): Action.SWING_BACK,
+    },
+    "rotate": _OVER,
     "switch": _SWITCH,
-    "flip": _SWITCH,
-    "put": {**_PUT, **_SWITCH},
-    "press": {(): Action.PRESS, ("down",): Action.PRESS, ("in",): Action.PRESS},
-    "push": {(): Action.PUSH, ("down",): Action.PRESS, **_MOVES, **_SHUT, **_OPENED},
-    "shove": {(): Action.PUSH, **_MOVES, **_SHUT},
+    "start": {(): Action.TURN_ON, ("run",): Action.TURN_ON, ("up",): Action.TURN_ON},
+    "run": {(): Action.TURN_ON},
+    "stop": {(): Action.TURN_OFF, ("run",): Action.TURN_OFF},
+    "cut": {(): Action.TURN_OFF, ("off",): Action.TURN_OFF},
+    "let": {
+        ("run",): Action.TURN_ON,
+        ("down",): Action.LOWER,
+        ("fall",): Action.PUT,
+        ("down", "fall"): Action.LOWER,
+        ("fall", "shut"): Action.CLOSE,
+        ("fall", "over"): Action.SWING,
+    },
+    "flip": {**_TIPPED, **_SWITCH, (): Action.SWING},
+    "tip": _TIPPED,
+    "tilt": _TIPPED,
+    "fold": {**_TIPPED, ("down",): Action.CLOSE},
+    "put": {**_PUT, **_SWITCH, **_CLOSED, **_OVER, ("up",): Action.RELEASE},
+    "press": {
+        (): Action.PRESS,
+        ("down",): Action.PRESS,
+        ("in",): Action.PRESS,
+        ("on",): Action.PRESS,
+        ("down", "on"): Action.PRESS,
+        **_CLOSED,
+    },
+    "depress": {(): Action.PRESS},
+    "push": {
+        (): Action.PUSH,
+        ("down",): Action.PRESS,
+        ("down", "on"): Action.PRESS,
+        ("up",): Action.RELEASE,
+        **_MOVES,
+        **_FORWARD,
+        **_SHUT,
+        **_OPENED,
+        **_OVER,
+    },
+    "shove": {(): Action.PUSH, **_MOVES, **_FORWARD, **_SHUT, **_OPENED},
+    "nudge": {**_MOVES, **_FORWARD, **_ENDS},
     "pull": {
         (): Action.PULL,
         **_MOVES,
@@ -299,52 +547,69 @@ VERBS: Final[dict[str, Actions]] = {
         ("up",): Action.RELEASE,
         ("back", "up"): Action.RELEASE,
         ("down",): Action.PRESS,
-        ("shut",): Action.CLOSE,
+        **_CLOSED,
         **_OPENED,
         **_OUT,
+        **_OVER,
     },
+    "yank": {**_OPENED, **_OUT, **_CLOSED},
+    "draw": {**_OPENED, **_OUT, **_CLOSED, ("closer",): Action.PULL},
     "drag": _MOVES | {("back",): Action.PULL} | _OPENED,
-    "bring": {("closer",): Action.PULL, ("back",): Action.PULL},
-    "move": {**_MOVES, (): Action.PUT},
+    "bring": {
+        ("closer",): Action.PULL,
+        ("back",): Action.PULL,
+        ("back", "closer"): Action.PULL,
+        ("down",): Action.LOWER,
+        ("up",): Action.RELEASE,
+        **_CLOSED,
+        **_OVER,
+    },
+    "move": {**_MOVES, **_FORWARD, **_OVER, (): Action.PUT, ("up",): Action.RELEASE, ("down",): Action.LOWER},
+    "shift": _MOVES | _FORWARD,
+    "scoot": _MOVES | _FORWARD,
     "slide": {
+        **_MOVES,
+        **_FORWARD,
         ("open",): Action.SLIDE_OPEN,
         ("shut",): Action.SLIDE_SHUT,
+        ("back", "shut"): Action.SLIDE_SHUT,
         ("out",): Action.OPEN,
         ("in",): Action.CLOSE,
-        ("away",): Action.PUSH,
-        ("closer",): Action.PULL,
+        ("back", "in"): Action.CLOSE,
+        ("down",): Action.LOWER,
     },
     "swing": {
         (): Action.SWING,
-        ("over",): Action.SWING,
         ("back",): Action.SWING_BACK,
-        ("back", "over"): Action.SWING_BACK,
-        **_OPENED,
-        ("shut",): Action.CLOSE,
+        **_OVER,
+        ("up",): Action.LIFT,
+        ("down",): Action.LOWER,
+        **_ENDS,
     },
     "lift": _RAISE,
     "raise": _RAISE,
+    "hoist": _RAISE,
     "pick": {("up",): Action.TAKE},
-    "lower": {(): Action.LOWER, ("down",): Action.LOWER},
+    "lower": {(): Action.LOWER, ("down",): Action.LOWER, **_CLOSED},
     "release": {(): Action.RELEASE},
     "unscrew": {(): Action.UNSCREW, ("off",): Action.UNSCREW},
     "tighten": {(): Action.TIGHTEN},
     "screw": {("on",): Action.TIGHTEN, ("back", "on"): Action.TIGHTEN, ("off",): Action.UNSCREW},
-    "set": {**_PUT, (): Action.PUT},
+    "set": _PUT,
     "place": _PUT,
-    "drop": _PUT,
+    "drop": {**_PUT, **_CLOSED},
     "lay": _PUT,
     "store": _PUT,
     "stash": _PUT,
     "stow": _PUT,
     "insert": _PUT,
     "deposit": _PUT,
-    "throw": _PUT,
+    "throw": {**_PUT, **_ENDS},
     "toss": _PUT,
     "collect": _PUT,
     "transfer": _PUT,
     "take": _TAKE | {("off",): Action.OPEN},
-    "get": _TAKE,
+    "get": {**_TAKE, **_ENDS, ("away",): Action.PUSH, **_SWITCH, ("run",): Action.TURN_ON},
     "fetch": _TAKE,
     "grab": _TAKE,
     "grasp": _TAKE,
@@ -354,6 +619,18 @@ VERBS: Final[dict[str, Actions]] = {
     "pass": {("over",): Action.HAND, (): Action.HAND},
     "give": {(): Action.HAND},
 }
+
+
+#: Phrases that stand for a verb.
+PHRASAL: Final = dict.fromkeys(("hold", "take hold of", "get hold of", "grab hold of", "grab onto"), "grasp")
+
+#: Verbs that take hold of a part without moving it.
+GRASPS: Final = frozenset(("grasp", "grab"))
+
+#: Actions on a part of an object: to tip a bucket over is not to swing its handle.
+SWINGS: Final = frozenset((Action.SWING, Action.SWING_BACK))
+#: Verbs that move only a part of an object up or down.
+OF_PARTS: Final = frozenset(("turn", "flip", "tip", "tilt", "fold", "swing"))
 
 
 def spelled(text: str) -> Words:
@@ -405,16 +682,54 @@ def _spellings(name: str, classes: Iterable[str]) -> Iterable[str]:
             yield spelling
 
 
+#: Other names of parts.
+PART_SYNONYMS: Final = {
+    "top": "lid",
+    "cover": "lid",
+    "flaps": "flap",
+    "display": "screen",
+    "monitor": "screen",
+    "grip": "handle",
+    "knob": "handle",
+    "handle": "lever",
+}
+
+
 @cache
 def parts() -> frozenset[str]:
     """Return the names of all parts of objects, such as "lid"."""
-    return frozenset(part for each in words.articulated_classes() for part in words.parts(each))
+    own = frozenset(part for each in words.articulated_classes() for part in words.parts(each))
+    return own | frozenset(PART_SYNONYMS)
+
+
+def own_part(noun: Noun | None, word: str) -> str | None:
+    """Return the part of the objects of a noun that a word names; None if the objects have no such part."""
+    own = {part for each in noun.classes for part in words.parts(each)} if noun is not None else set()
+    return next((each for each in (word, PART_SYNONYMS.get(word)) if each in own), None)
+
+
+@cache
+def usual_part(word: str) -> str:
+    """Return the part that a word names if its object is not known: a cover is a lid, but a handle is a handle."""
+    known = any(word in words.parts(each) for each in words.articulated_classes())
+    return word if known else PART_SYNONYMS[word]
 
 
 #: Parts whose lifting opens an object, and whose lowering closes it.
 COVERS: Final = frozenset(("lid", "screen", "flap"))
+#: Meaning of actions for a cover that have another meaning for the whole object.
+OF_COVER: Final = {
+    Action.LIFT: Action.OPEN,
+    Action.RELEASE: Action.OPEN,
+    Action.TAKE: Action.OPEN,
+    Action.LOWER: Action.CLOSE,
+    Action.PRESS: Action.CLOSE,
+    Action.PUT: Action.CLOSE,
+}
 #: Parts that are pressed when they are pushed.
 PRESSED: Final = frozenset(("button", "lever"))
+#: Meaning of actions for a part that is pressed.
+OF_PRESSED: Final = {Action.PUSH: Action.PRESS, Action.LOWER: Action.PRESS, Action.LIFT: Action.RELEASE}
 
 
 def longest(at: int, sentence: Words, phrases: Sequence[Words]) -> int:
