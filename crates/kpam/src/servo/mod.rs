@@ -168,7 +168,7 @@ pub struct ServoStep {
 /// let wall = Body::builder("wall", Role::Rigid).shape(cube()?).pose(Pose::translation(0.4, 0.0, 0.0)).build()?;
 /// let scene = Scene::new(Arc::new(robot), vec![wall], Vec::new())?;
 /// let mut servo = Servo::new(&scene, &[0.0, 0.0], &ServoOptions::default())?;
-/// let target = Target::Pose { pose: Pose::translation(0.5, 0.2, 0.0), twist: [0.0; 6] };
+/// let target = Target::Pose { pose: Pose::translation(0.5, 0.0, 0.0), twist: [0.0; 6] };
 /// let mut last = servo.step(&target)?;
 /// for _ in 0..3000 {
 ///     last = servo.step(&target)?;
