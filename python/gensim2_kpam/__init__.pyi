@@ -690,16 +690,18 @@ class Servo:
             q: (n,) values of all joints; joints that do not move the hand keep their values.
             link: link that follows poses and velocities; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start keep that
-                smaller distance. Links that are closer in every configuration must only not collide.
+                smaller distance. Links that are closer than ``margin`` in every configuration only have to avoid
+                collisions.
             posture: (n,) joint values that a redundant arm moves toward without moving the link; default: ``q``.
             dt: length of a step, 0.0001 to 0.1 s.
             velocity_scale: fraction of the velocity limits that may be used, above 0, at most 1.
-            acceleration_scale: the same fraction of the acceleration and jerk limits, above 0, at most 1.
+            acceleration_scale: fraction of the acceleration and jerk limits that may be used, above 0, at most 1.
             limits: acceleration and jerk limits of a known arm; "fr3" also has velocity limits that depend on the
                 position.
-            velocity_limits: (n,) rad/s or m/s instead of the URDF's; required if the URDF has none.
-            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of the URDF's and those of ``limits``.
-            jerk_limits: (n,) rad/s^3 or m/s^3 instead of the URDF's and those of ``limits``.
+            velocity_limits: (n,) velocity limits, rad/s or m/s; they override the URDF's and are required if it has
+                none.
+            acceleration_limits: (n,) acceleration limits, rad/s^2 or m/s^2; they override the URDF's and ``limits``.
+            jerk_limits: (n,) jerk limits, rad/s^3 or m/s^3; they override the URDF's and ``limits``.
 
         Raises:
             ProblemError: an argument does not fit the robot, or bodies overlap at the start.

@@ -38,8 +38,8 @@ class DoResult:
 
     Attributes:
         sentence: the instruction.
-        steps: its steps.
-        composed: task that carries it out.
+        steps: steps of the instruction.
+        composed: task made from the steps.
         evaluation: results of the episodes. The controller ends each episode by itself.
     """
 

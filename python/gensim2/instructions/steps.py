@@ -9,7 +9,7 @@ from gensim2.core.errors import InputError
 from gensim2.objects.words import Direction, Goal, halfway, noun, words
 
 SUPPORTS = {"bowl": "in", "plate": "on"}
-"""Rigid classes on or in which objects are put, with the preposition."""
+"""Preposition for each rigid class that can hold another object."""
 
 
 @dataclass(frozen=True)

@@ -33,20 +33,25 @@ MOST_ADDED, MOST_REMOVED = 120, 350
 LARGEST_BOX, LARGEST_HOLE = 0.08, 0.10
 """Maximum half edge of an added box and maximum radius of a hole, m."""
 LEAST_KEPT = 64
-"""Minimum number of points on the object; a hole or a cropping that would leave fewer points is not made."""
+"""Minimum number of points on the object. If a hole and the limits of the workspace together would leave fewer points,
+no point is replaced."""
 
 
 def deformed(example: Example, generator: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
-    """Return a labelled cloud with a randomly deformed object, and with labels that fit the deformed object.
+    """Return a labelled cloud that is deformed at random, and labels that fit the deformed object.
 
-    The object is scaled by different factors along the axes of its frame, then warped smoothly, and then gets an
-    additional box or a hole. The number of points stays the same: points of a new box replace random points, and
-    copies of random points replace points in a hole and points that leave the workspace.
+    The fraction ``DEFORMED`` of the clouds is deformed. The whole cloud is scaled by different factors along the axes
+    of the object's frame, and then warped smoothly. Some clouds get an additional box, and some a hole. The number of
+    points stays the same: points of a new box replace random points, and copies of random points replace points in a
+    hole and points that leave the workspace.
 
     Args:
         example: arrays of one cloud, as :func:`~gensim2.perception.estimation.examples.example` returns them, with the
             array ``features``. The base frame must have the same orientation as the world.
         generator: random generator.
+
+    Returns:
+        The arrays of the deformed cloud, with the names, shapes and units of ``example``.
     """
     if generator.random() >= DEFORMED:
         return dict(example)
@@ -152,7 +157,7 @@ def _stretched_openness(example: Example, stretch: Array) -> float:
     across /= np.linalg.norm(across)
 
     def angle(arm: Array) -> float:
-        """Return the angle (rad) about the axis by which the stretch rotates the arm."""
+        """Return the angle (rad) about the axis by which the stretch rotates a vector that starts at the axis."""
         longer = stretch @ arm
         longer -= (longer @ across) * across
         return float(np.arctan2(np.cross(arm, longer) @ axis, arm @ longer))
@@ -162,8 +167,10 @@ def _stretched_openness(example: Example, stretch: Array) -> float:
 
 
 def _box(at: Array, normal: Array, frame: Array, count: int, generator: np.random.Generator) -> tuple[Array, Array]:
-    """Return ``count`` points (N, 3) on a random box about the point ``at``, in front of the plane with the given
-    normal, and their normals (N, 3). The edges of the box are parallel to the columns of ``frame``.
+    """Return ``count`` random points (N, 3) on a box centred at ``at``, and their normals (N, 3).
+
+    Points behind the plane through ``at`` with the given normal are mirrored to its front. The edges of the box are
+    parallel to the columns of ``frame``.
     """
     half = generator.uniform(0.005, LARGEST_BOX, 3)
     points = generator.uniform(-1.0, 1.0, (count, 3))
@@ -173,8 +180,10 @@ def _box(at: Array, normal: Array, frame: Array, count: int, generator: np.rando
     normals = np.zeros((count, 3))
     normals[rows, side] = points[rows, side]
     points, normals = (points * half) @ frame.T, normals @ frame.T
-    behind = np.minimum(points @ normal, 0.0)[:, None]
-    return at + points - 2 * behind * normal, normals
+    behind = points @ normal < 0
+    for vectors in (points, normals):
+        vectors[behind] -= 2 * (vectors[behind] @ normal)[:, None] * normal
+    return at + points, normals
 
 
 def _face_areas(half: Array) -> float:
