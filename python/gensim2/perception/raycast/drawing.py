@@ -59,20 +59,19 @@ def shaded(view: RaycastView) -> npt.NDArray[np.uint8]:
 
 def _edges(view: RaycastView, seen: npt.NDArray[np.int64], normals: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     """Return which of the seen pixels lie on the near side of an edge: a step in depth, or a fold of the surface."""
-    shape = view.face.shape
-    turned = np.zeros((shape[0] * shape[1], 3), np.float32)
+    face, index = view.face, np.arange(view.face.size).reshape(view.face.shape)
+    turned = np.zeros((face.size, 3), np.float32)
     turned[seen] = normals
-    turned, depth = turned.reshape(*shape, 3), np.where(view.face >= 0, view.depth, FAR)
-    found = np.zeros(shape, np.bool_)
-    for here, there in (
-        ((slice(1, None),), (slice(None, -1),)),
-        ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
-    ):
-        folded = (turned[here] * turned[there]).sum(axis=2) < EDGE_TURN
-        for near, far in ((here, there), (there, here)):
+    depth, found = np.where(face >= 0, view.depth, FAR).reshape(-1), np.zeros(face.size, np.bool_)
+    for one, other in (((index[1:], index[:-1])), ((index[:, 1:], index[:, :-1]))):
+        # Only pixels that see another triangle than their neighbour can lie on an edge.
+        changes = face.reshape(-1)[one] != face.reshape(-1)[other]
+        pair = one[changes], other[changes]
+        folded = (turned[pair[0]] * turned[pair[1]]).sum(axis=1) < EDGE_TURN
+        for near, far in (pair, pair[::-1]):
             steps = depth[far] - depth[near] > EDGE_STEP * depth[near]
-            found[near] |= steps | (folded & (depth[near] <= depth[far]))
-    return found.reshape(-1)[seen]
+            found[near[steps | (folded & (depth[near] <= depth[far]))]] = True
+    return found[seen]
 
 
 def fitting_distance(points: Array, away: Array) -> float:
