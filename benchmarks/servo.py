@@ -102,14 +102,24 @@ class World:
                 solid = Solid("cloud", [0.012], surface(size, self.draw))
             pose = np.eye(4)
             pose[:3, 3] = hand[:3, 3] + self.draw.normal(0.0, 0.25, 3)
-            scene = kpam.Scene(self.robot, [kpam.Body(kind, "rigid", solid.ours(), pose)])
-            if scene.distance(self.start) > 0.03:
+            # The distance of a scene includes the links among themselves, which are closer in some arms.
+            if self._is_free(solid, pose):
                 self.obstacles.append((kind, solid, pose))
                 count += 1
         floor = np.eye(4)
         floor[2, 3] = -0.5 if self.mechanism.hand_poses(self.start)[0][2, 3] < 0.1 else -0.03
         self.obstacles.append(("table", Solid("box", [1.5, 1.5, 0.02]), floor))
         self.scene = kpam.Scene(self.robot, [kpam.Body(n, "rigid", s.ours(), p) for n, s, p in self.obstacles])
+
+    def _is_free(self, solid: Solid, pose: Array) -> bool:
+        """Return whether every moving link keeps 30 mm from a solid at the start."""
+        placed, other = self.mechanism.place(self.start[None]), Moved("obstacle", solid.theirs(), pose[None])
+        for name in self.mechanism.moving_links:
+            link = Moved(name, self.mechanism.parts[name], placed[name])
+            found = least_distance(link, other, np.arange(1), 0.04)
+            if found is not None and found[0] < 0.03:
+                return False
+        return True
 
     def _resting(self) -> Array:
         """Return a start whose links keep 30 mm from each other and from the table."""
