@@ -9,11 +9,11 @@ use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Suspect};
 use super::joint::{Course, Reversals};
 use crate::Scene;
 use crate::model::{MAX_JOINTS, Model};
-use crate::world::{Compiled, TOUCH};
+use crate::world::{Compiled, TOUCH, place_of};
 
 /// Pairs closer than their required distance plus this value (m) bound the approach of the two bodies.
 pub(super) const INFLUENCE: f64 = 0.08;
-/// Maximum value (m) up to which gaps are screened.
+/// Largest gap (m) that the screening distinguishes; larger gaps count as this value.
 const REACH: f32 = 0.2;
 /// Pairs whose gap is smaller than this (m) are measured exactly.
 const CLOSE: f32 = 0.03;
@@ -258,12 +258,5 @@ impl Guard {
             }
             rests
         })
-    }
-}
-
-fn place_of(s: &Suspect, groups: usize) -> usize {
-    match s.other {
-        Other::Pair(pair) => groups + pair,
-        Other::Element(_) | Other::Cloud(_) => s.group,
     }
 }

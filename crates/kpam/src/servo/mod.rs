@@ -14,17 +14,18 @@ use gensim2_geometry::{Chain, ChainFrames, Contact, JointKind, Other, Pose};
 use nalgebra::Vector6;
 
 use crate::body::rigid;
+use crate::error::{finite, for_each_joint};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::LimitSet;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
 use crate::timing::{Limits, State, can_stop};
-use crate::transit::{check_others, finite, within_limits};
+use crate::transit::{check_others, within_limits};
 use crate::world::{CONTACT, Compiled, TOUCH};
 use crate::{Options, ProblemError, Scene};
 
 use guard::{Guard, INFLUENCE};
 use joint::{Course, JointLimits, Settled};
-use task::{Aim, Setting};
+use task::{Aim, Setting, approach};
 
 /// Distance (m) that the quadratic program keeps in addition to the margin, so that steps along obstacles are proven.
 const BUFFER: f64 = 2e-3;
@@ -34,7 +35,7 @@ const DAMPER: f64 = 15.0;
 const BRAKING: f64 = 0.25;
 /// Maximum number of pairs of bodies that bound a step.
 const PAIRS: usize = 16;
-/// Factors by which the wanted velocities are reduced if a step is not proven, and increased otherwise.
+/// Factor of the wanted velocities after a step that was not proven, and after a proven step.
 const SLOWER: f64 = 0.5;
 const FASTER: f64 = 1.02;
 const SLOWEST: f64 = 0.05;
@@ -222,7 +223,7 @@ impl Servo {
         if !STEPS.contains(&options.dt) {
             return Err(ProblemError::new("dt", format!("must lie in 0.0001 to 0.1 s, not {}", options.dt)));
         }
-        check_length("q", q, robot.joints().len())?;
+        for_each_joint("q", q, robot.joints().len())?;
         let model = Model::new(robot, q)?;
         let asked = options.asked();
         asked.check(robot, &model)?;
@@ -243,7 +244,7 @@ impl Servo {
         let posture = match &options.posture {
             None => model.start(),
             Some(posture) => {
-                check_length("posture", posture, robot.joints().len())?;
+                for_each_joint("posture", posture, robot.joints().len())?;
                 let posture = model.pick(posture);
                 within_limits(&model, "posture", &posture)?;
                 posture
@@ -285,13 +286,13 @@ impl Servo {
     ) -> Result<(), ProblemError> {
         let robot = &**self.scene.robot();
         let n = robot.joints().len();
-        check_length("q", q, n)?;
+        for_each_joint("q", q, n)?;
         let model = Model::new(robot, q)?;
         let x = model.start();
         within_limits(&model, "q", &x)?;
         let rates = |field: &str, list: Option<&[f64]>| match list {
             None => Ok([0.0; MAX_JOINTS]),
-            Some(list) => check_length(field, list, n).map(|()| model.pick(list)),
+            Some(list) => for_each_joint(field, list, n).map(|()| model.pick(list)),
         };
         let (velocity, acceleration) = (rates("velocity", velocity)?, rates("acceleration", acceleration)?);
         can_stop(&self.limits, &model.lower, &model.upper, &x, &velocity, &acceleration).map_err(|e| {
@@ -423,7 +424,7 @@ impl Servo {
             }
             Target::Twist(velocity) => twist(velocity).map(Aim::Twist),
             Target::Joints(q) => {
-                check_length("target", q, self.model.map().joints())?;
+                for_each_joint("target", q, self.model.map().joints())?;
                 check_others(&self.scene, &self.model, "target", self.model.map().rest(), q)?;
                 Ok(Aim::Joints(self.model.pick(q)))
             }
@@ -447,9 +448,7 @@ impl Servo {
             // Deceleration of the approach if every joint brakes with a part of its limit.
             let braking: f64 =
                 self.joints.iter().zip(&gradient).map(|(joint, g)| BRAKING * joint.acceleration * g.abs()).sum();
-            let near = braking >= DAMPER * DAMPER * room;
-            let speed =
-                if near { DAMPER * room } else { (braking * (2.0 * room - braking / (DAMPER * DAMPER))).sqrt() };
+            let speed = approach(room, braking, DAMPER);
             out.push(Pair { group, other, distance: contact.distance, gradient, speed });
         }
         let nearest = |pair: &Pair| {
@@ -577,14 +576,6 @@ impl ServoOptions {
             ..Options::default()
         }
     }
-}
-
-/// Returns an error if a list does not have `n` finite entries.
-fn check_length(field: &str, list: &[f64], n: usize) -> Result<(), ProblemError> {
-    if list.len() != n {
-        return Err(ProblemError::new(field, format!("has {} entries; the robot has {n} joints", list.len())));
-    }
-    finite(field, list)
 }
 
 #[cfg(test)]

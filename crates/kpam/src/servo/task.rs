@@ -33,7 +33,14 @@ const DISTANCE_DAMPING: f64 = 0.3;
 /// singularity, a joint at its limit would otherwise cause large velocities of the others.
 const JOINT_WEIGHT: f64 = 0.05;
 
-/// What a step moves toward.
+/// Returns the speed at which a target at a distance is approached: the distance times `gain` (1/s) near the target, and
+/// further away the speed from which the deceleration `braking` leads to that.
+pub(super) fn approach(distance: f64, braking: f64, gain: f64) -> f64 {
+    let near = braking >= gain * gain * distance;
+    if near { gain * distance } else { (braking * (2.0 * distance - braking / (gain * gain))).sqrt() }
+}
+
+/// Target of a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Aim {
     /// A pose of the link, and the velocity of this pose (linear and angular, base frame).
@@ -102,8 +109,7 @@ impl Setting<'_> {
             fastest = fastest.min(SPEED * limits.velocity / way.abs());
             braking = braking.min(BRAKING * limits.acceleration / way.abs());
         }
-        let near = braking >= GAIN * GAIN;
-        fastest.min(if near { GAIN } else { (braking * (2.0 - braking / (GAIN * GAIN))).sqrt() })
+        fastest.min(approach(1.0, braking, GAIN))
     }
 
     fn link_cost(&self, left: &Vector6<f64>, twist: &Vector6<f64>) -> Cost {

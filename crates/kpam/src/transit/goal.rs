@@ -4,8 +4,9 @@ use gensim2_geometry::{Chain, ChainFrames, Pose, rotation_log};
 use nalgebra::{Matrix6, Vector6};
 
 use super::question::check_seed;
-use super::{SLACK, TransitOptions, finite, within_limits};
+use super::{SLACK, TransitOptions, within_limits};
 use crate::body::rigid;
+use crate::error::{finite, for_each_joint};
 use crate::model::{Model, Row};
 use crate::{Cancel, ProblemError, Scene};
 use gensim2_geometry::Draws;
@@ -58,11 +59,7 @@ impl Goal {
                     .enumerate()
                     .map(|(k, q)| {
                         let field = format!("goal[{k}]");
-                        if q.len() != q_start.len() {
-                            let message = format!("has {} entries; the robot has {} joints", q.len(), q_start.len());
-                            return Err(ProblemError::new(field, message));
-                        }
-                        finite(&field, q)?;
+                        for_each_joint(&field, q, q_start.len())?;
                         check_others(scene, model, &field, q_start, q)?;
                         let x = model.unwound(&model.pick(q), &model.start());
                         within_limits(model, &field, &x).map(|()| x)

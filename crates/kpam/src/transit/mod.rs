@@ -18,6 +18,7 @@ use gensim2_geometry::{Needs, Other};
 
 use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
+use crate::error::finite;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{CONTACT, Close};
@@ -347,14 +348,6 @@ impl Transit<'_> {
 fn luby(i: usize) -> usize {
     let size = (i + 1).next_power_of_two();
     if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
-}
-
-/// Returns an error if a joint vector is not finite.
-pub(crate) fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
-    match q.iter().position(|v| !v.is_finite()) {
-        Some(i) => Err(ProblemError::new(format!("{field}[{i}]"), format!("{} is not finite", q[i]))),
-        None => Ok(()),
-    }
 }
 
 /// Returns an error if variables exceed their limits by more than rounding.

@@ -1,11 +1,11 @@
 //! Proves that a timed motion keeps its required distances. Between two checked configurations, nothing may move
 //! further than the gaps at both allow. If this is not certain, a configuration between them is checked, too.
 
-use gensim2_geometry::{Batch, JointKind, LANES, Needs, Other, Pose, Screen, Suspect};
+use gensim2_geometry::{Batch, JointKind, LANES, Needs, Pose, Screen, Suspect};
 
 use super::{Approached, Stuck};
 use crate::model::{Model, Row};
-use crate::world::Compiled;
+use crate::world::{Compiled, place_of};
 use crate::{Cancel, Scene, Trajectory};
 
 /// Measured gaps are capped at this value (m).
@@ -269,11 +269,4 @@ impl<'s> Sweep<'s> {
 /// Returns whether a gap is at least a limit; false for NaN.
 fn is_clear(gap: f32, limit: f32) -> bool {
     gap >= limit
-}
-
-fn place_of(s: &Suspect, groups: usize) -> usize {
-    match s.other {
-        Other::Pair(pair) => groups + pair,
-        Other::Element(_) | Other::Cloud(_) => s.group,
-    }
 }

@@ -6,6 +6,7 @@ use nalgebra::{Point3, center};
 use super::compiled::Compiled;
 use super::rules::{CollisionObjects, Group};
 use super::{EXACT, Scene};
+use crate::error::for_each_joint;
 use crate::{ProblemError, Role};
 
 /// Two bodies that are close to each other or overlap.
@@ -62,14 +63,7 @@ impl<'s> Checker<'s> {
     }
 
     fn fits(&self, q: &[f64]) -> Result<(), ProblemError> {
-        let joints = self.scene.robot().joints().len();
-        if q.len() != joints {
-            return Err(ProblemError::new("q", format!("has {} entries; the robot has {joints} joints", q.len())));
-        }
-        if let Some(i) = q.iter().position(|v| !v.is_finite()) {
-            return Err(ProblemError::new(format!("q[{i}]"), format!("{} is not finite", q[i])));
-        }
-        Ok(())
+        for_each_joint("q", q, self.scene.robot().joints().len())
     }
 
     /// Screens a configuration with fast bounds. Pairs that may be closer than `reach` (m) become suspects.

@@ -31,7 +31,7 @@ use rules::{Carrier, CollisionObjects, Compiler, Group, SegmentWorld};
 pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
-pub(crate) use compiled::{CONTACT, Close, Compiled};
+pub(crate) use compiled::{CONTACT, Close, Compiled, place_of};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
 pub use scene::{Scene, SceneJoint};
