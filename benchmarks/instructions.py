@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Sequence
@@ -24,20 +25,14 @@ from gensim2.core.progress import ConsoleProgress
 from gensim2.doing.carrying_out import is_estimable
 from gensim2.doing.composing import Composed, compose
 from gensim2.instructions.grammar import parse
-from gensim2.instructions.steps import Lift, MoveJoint, Put, SentenceError, Step
+from gensim2.instructions.steps import SentenceError
 from gensim2.rollout.tally import interval
 from gensim2.tasks.exporting import write_task
 
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "common"))
+from step_notation import in_words
+
 SENTENCES = Path(__file__).parent / "sentences.toml"
-
-
-def in_words(step: Step) -> str:
-    """Return a step in the notation of ``sentences.toml``."""
-    if isinstance(step, MoveJoint):
-        return f"{step.goal.removeprefix('articulated_')} {step.asset_class}"
-    if isinstance(step, Put):
-        return f"put {step.thing} {step.destination}" + (f" from {step.source}" if step.source else "")
-    return f"lift {step.thing}" if isinstance(step, Lift) else f"hand {step.thing} {step.direction}"
 
 
 def read(say: str, meant: Sequence[str], library: gensim2.Library) -> tuple[dict[str, Any], Composed | None]:

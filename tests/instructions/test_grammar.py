@@ -12,11 +12,12 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from step_notation import in_words
 
 from gensim2.instructions import vocabulary
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.meanings import solved
-from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
+from gensim2.instructions.steps import SUPPORTS, HandOver, MoveJoint, Put, Refusal, SentenceError, Step
 from gensim2.objects.words import articulated_classes, belongs, noun, parts, rigid_classes
 from gensim2.tasks.library import load_task, task_names
 
@@ -27,15 +28,6 @@ JOINTS = sorted(solved(), key=str)
 #: Rigid objects that are put somewhere.
 THINGS = sorted(set(rigid_classes()) - set(SUPPORTS))
 PLACES = sorted(each for each in (*articulated_classes(), *SUPPORTS) if belongs(each))
-
-
-def in_words(step: Step) -> str:
-    """Return a step in the notation of the sentence files."""
-    if isinstance(step, MoveJoint):
-        return f"{step.goal.removeprefix('articulated_')} {step.asset_class}"
-    if isinstance(step, Put):
-        return f"put {step.thing} {step.destination}" + (f" from {step.source}" if step.source else "")
-    return f"lift {step.thing}" if isinstance(step, Lift) else f"hand {step.thing} {step.direction}"
 
 
 def refused(sentence: str) -> SentenceError:

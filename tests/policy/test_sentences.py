@@ -1,4 +1,4 @@
-"""Instructions in other words than those of the training."""
+"""Instructions that say a training instruction in other words."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count
 from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
+from gensim2.core.record_files import SCHEMA_VERSION
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -73,7 +74,11 @@ def do(
     from gensim2.instructions.grammar import parse
 
     if steps:
-        return {"schema_version": 2, "sentence": sentence, "steps": [each.text for each in parse(sentence)]}
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "sentence": sentence,
+            "steps": [each.text for each in parse(sentence)],
+        }
     if policy is not None and (
         is_given(click.get_current_context(), "scene_source") or given["depth_noise"] is not None
     ):

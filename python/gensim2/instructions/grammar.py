@@ -128,7 +128,7 @@ class _Reading:
         return tuple(self._steps)
 
     def hear(self, mention: Mention) -> None:
-        """Remember an object, to which a pronoun may refer."""
+        """Remember an object, because a later pronoun may refer to it."""
         if mention.noun is not None:
             self._heard.append(mention.noun)
 

@@ -123,14 +123,15 @@ def train_estimator(
         torch.set_num_threads(training.threads)
         torch.manual_seed(seed)
         network = SceneNetwork(len(names))
+        initial: dict[str, str] = {}
         if start is not None:
-            network.load_state_dict(_initial(start, names, profile).state_dict())
-        initial = hashlib.sha256(b"".join(each.numpy().tobytes() for each in network.state_dict().values())).hexdigest()
+            weights = _initial(start, names, profile).state_dict()
+            network.load_state_dict(weights)
+            initial["start"] = hashlib.sha256(b"".join(each.numpy().tobytes() for each in weights.values())).hexdigest()
         state = TrainState(network, copy.deepcopy(network).eval(), optimizer_of(network, training))
         digest = hashlib.sha256(b"".join(arrays[name].tobytes() for name in sorted(arrays))).hexdigest()
         identity = Identity(
-            {"policy": {"classes": list(names)}, "training": training.to_dict(), "data": {"digest": digest}}
-            | ({} if start is None else {"start": initial})
+            {"policy": {"classes": list(names)}, "training": training.to_dict(), "data": {"digest": digest}} | initial
         )
         if (out / TRAINING / STATE_JSON).exists():
             state.load(out / TRAINING, identity)

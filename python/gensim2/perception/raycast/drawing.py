@@ -63,7 +63,7 @@ def _edges(view: RaycastView, seen: npt.NDArray[np.int64], normals: npt.NDArray[
     turned = np.zeros((face.size, 3), np.float32)
     turned[seen] = normals
     depth, found = np.where(face >= 0, view.depth, FAR).reshape(-1), np.zeros(face.size, np.bool_)
-    for one, other in (((index[1:], index[:-1])), ((index[:, 1:], index[:, :-1]))):
+    for one, other in ((index[1:], index[:-1]), (index[:, 1:], index[:, :-1])):
         # Only pixels that see another triangle than their neighbour can lie on an edge.
         changes = face.reshape(-1)[one] != face.reshape(-1)[other]
         pair = one[changes], other[changes]
