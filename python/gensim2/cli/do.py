@@ -12,7 +12,6 @@ from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count
 from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
-from gensim2.core.record_files import SCHEMA_VERSION
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -71,6 +70,7 @@ def do(
         episodes: Number of random scenes.
         steps: Only show the steps, without simulation.
     """
+    from gensim2.core.record_files import SCHEMA_VERSION
     from gensim2.instructions.grammar import parse
 
     if steps:
