@@ -285,6 +285,21 @@ class ChainController:
     def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         measured, schedule = observation.measurement, run.planned.schedule
         assert schedule is not None
+        found = self._check_grasp(observation, run)
+        if found is not None:
+            return found
+        name = self._step.object
+        until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
+        # Before the first action of a plan, the object cannot have drifted, because the plan was made from the same
+        # measurement.
+        if 0 < run.ran < until and has_drifted(run.scene, measured, name):
+            return Cause.OBJECT_DRIFTED
+        return None
+
+    def _check_grasp(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
+        """Update which object the hand holds. Return the cause if the fingers have missed or lost the object."""
+        measured, schedule = observation.measurement, run.planned.schedule
+        assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
             self._held = taken(self._profile, observation.q, measured, run.planned)
             self._held_by = run.planned.foreseen
@@ -302,12 +317,6 @@ class ChainController:
             self._lost.setdefault(self._held.name, []).append(T_object_hand)
             self._held = None
             return Cause.GRASP_LOST
-        name = self._step.object
-        until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        # Before the first action of a plan, the object cannot have drifted, because the plan was made from the same
-        # measurement.
-        if 0 < run.ran < until and has_drifted(run.scene, measured, name):
-            return Cause.OBJECT_DRIFTED
         return None
 
     def _must_wait(self, observation: PrivilegedObservation) -> bool:

@@ -20,19 +20,17 @@ from gensim2.perception.estimation.estimator import (
     SceneEstimator,
     estimator_folder,
 )
-from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.goal import GoalTracker
-from gensim2.perception.estimation.scene import planning_scene
 from gensim2.perception.noise import read_noise
-from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
+from gensim2.rollout.watch import Held
 from gensim2.scenes.arguments import as_task
 from gensim2.tasks.library import load_strategies
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.spec import Step, TaskSpec
 
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
@@ -76,8 +74,19 @@ class _Chain(ChainController):
         self.is_finished = True
         return super()._leave(observation, run)
 
+    @property
+    def grasped(self) -> Held | None:
+        """Object in the hand, with its pose in the hand frame; None if the hand is empty."""
+        return self._held
+
+    @property
+    def step(self) -> Step:
+        """Current step."""
+        return self._step
+
     def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        return None
+        # Only the fingers are observed during a motion, and only they show whether a grasped object is lost.
+        return self._check_grasp(observation, run) if observation.measurement.poses else None
 
 
 class PerceivingChain:
@@ -129,8 +138,11 @@ class PerceivingChain:
         self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success)
         ways = load_strategies(self._task.name) if strategies is None else strategies
         self._chain = _Chain(self._task, ways, self._profile)
-        self._spec = ObservationSpec(cloud=replace(SETTINGS, noise=None if noise is None else read_noise(noise)))
+        self._spec = ObservationSpec(
+            cloud=replace(self._goal.cloud_settings, noise=None if noise is None else read_noise(noise))
+        )
         self._checks_goal, self._checked = False, 0
+        self._step = self._task.steps[0]
         self._last: Action | None = None
         self._refusal: Event | None = None
 
@@ -159,7 +171,7 @@ class PerceivingChain:
     @property
     def turn(self) -> str | None:
         """Name of the current step."""
-        return self._chain.turn if self._goal.track is not None else None
+        return self._chain.turn if self._goal.is_seen else None
 
     @property
     def history(self) -> list[StepRecord]:
@@ -168,14 +180,14 @@ class PerceivingChain:
         """
         if self._refusal is not None:
             return [StepRecord(self._refusal.step, [], paper=False, done=False)]
-        return self._chain.history if self._goal.track is not None else []
+        return self._chain.history if self._goal.is_seen else []
 
     @property
     def events(self) -> Sequence[Event]:
         """Events of the episode so far, oldest first."""
         if self._refusal is not None:
             return [self._refusal]
-        return self._chain.events if self._goal.track is not None else []
+        return self._chain.events if self._goal.is_seen else []
 
     @property
     def plans(self) -> list[Any]:
@@ -199,9 +211,11 @@ class PerceivingChain:
         """
         if not self.looks:
             self._begin(observation)
-        elif observation.step > 0 and observation.cloud is not None:
-            self._take_in(observation)
-        if self._goal.track is None:
+        elif self._goal.is_seen:
+            self._follow_hand(observation)
+            if observation.step > 0 and observation.cloud is not None:
+                self._take_in(observation)
+        if not self._goal.is_seen:
             return None
         if self._checks_goal:
             assert self._last is not None
@@ -210,6 +224,8 @@ class PerceivingChain:
                 return None
             self._chain.resume(self._last)
         action = self._chain.act(self._with_belief(observation))
+        if self._step is not self._chain.step:
+            self._begin_step()
         if self._chain.motions > self._goal.motions:
             self._goal.begin_motion()
         if action is None and self._chain.is_finished and self._last is not None:
@@ -223,8 +239,14 @@ class PerceivingChain:
     def _begin(self, observation: Observation) -> None:
         """Estimate the scene for the first time in an episode."""
         self._take_in(observation)
-        if self._goal.track is not None:
+        if self._goal.is_seen:
             self._chain.reset(self._with_belief(observation), self._seed)
+            self._begin_step()
+
+    def _begin_step(self) -> None:
+        self._step = self._chain.step
+        if len(self._task.steps) > 1:
+            self._goal.begin_step(self._step.done)
 
     def _take_in(self, observation: Observation) -> None:
         """Estimate the scene from an observation. If the first cloud does not show the task's object, record an event
@@ -236,12 +258,16 @@ class PerceivingChain:
             name = self._task.steps[0].name
             self._refusal = Event(observation.step, name, Cause.OBJECT_NOT_SEEN, self._goal.mismatch)
 
+    def _follow_hand(self, observation: Observation) -> None:
+        """Move the grasped object with the hand."""
+        held = self._chain.grasped
+        if held is None:
+            self._goal.hold(None)
+            return
+        q = observation.joint_positions.astype(np.float64)
+        T_world_hand = self._profile.T_world_base @ self._profile.model.forward_kinematics(q)
+        self._goal.hold(held.name, T_world_hand @ held.T_hand_object)
+
     def _with_belief(self, observation: Observation) -> PrivilegedObservation:
         goal, q = self._goal, observation.joint_positions.astype(np.float64)
-        track = goal.track
-        assert track is not None
-
-        def scene() -> Scene:
-            return planning_scene({goal.name: track.found}, track.cloud, track.others, q, self._profile)
-
-        return PrivilegedObservation.of(observation, goal.measurement(q), scene)
+        return PrivilegedObservation.of(observation, goal.measurement(q), lambda: goal.scene(q))

@@ -1,4 +1,4 @@
-"""Follow the object of a task over the motions of an episode, and judge the task's success criteria by estimates."""
+"""Follow the objects of a task over the motions of an episode, and judge the task's success criteria by estimates."""
 
 from __future__ import annotations
 
@@ -8,16 +8,30 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from gensim2.core.errors import InputError
+from gensim2.objects.types import joint_motion
+from gensim2.perception.cloud import CloudSettings, farthest_points, inlier_mask, uniform_stride
 from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
+from gensim2.perception.estimation.examples import SETTINGS
+from gensim2.perception.estimation.network import OTHER, STRAY, TARGET
+from gensim2.perception.estimation.rigid import RigidEstimate, clusters, shape_of
+from gensim2.perception.estimation.rigid_tracking import RigidTracker
+from gensim2.perception.estimation.scene import CELL, planning_scene
 from gensim2.perception.estimation.tracking import MOVED, STALLED, Track
+from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
 
+DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
+"""Settings of the point clouds for tasks with rigid objects. They contain nearly all pixels, because a small object may
+cover only a dozen pixels."""
+FINE_CELL = 0.02
+"""Side of the grid cells (m) of obstacle boxes in dense clouds (:data:`~gensim2.perception.estimation.scene.CELL`)."""
 CLASS_ODDS = 100.0
 """Prior odds that an articulated object in the cloud has the task's class instead of another class."""
 LEAST_SEEN = 0.25
@@ -29,41 +43,62 @@ the number of motions so far."""
 
 
 class GoalTracker:
-    """Estimates the object of a task from the point clouds of an episode, and judges the success criteria.
+    """Estimates the objects of a task from the point clouds of an episode, and judges the success criteria.
 
     Call :meth:`take_in` with each point cloud, and :meth:`begin_motion` before each motion of the robot. The openness
-    is tracked over the motions (:mod:`~gensim2.perception.estimation.tracking`).
+    is tracked over the motions (:mod:`~gensim2.perception.estimation.tracking`). The network estimates the articulated
+    object. Rigid objects are found by their dimensions (:mod:`~gensim2.perception.estimation.rigid_tracking`), and
+    their points are removed from the cloud before the network estimates the articulated object.
 
     Args:
         estimator: estimator of scenes.
-        objects: classes of the task's objects, by name. There must be exactly one object.
+        objects: classes of the task's objects, by name. At most one object may be articulated.
         success: success criteria of the task.
 
     Raises:
-        InputError: the estimator does not know the object's class, or the task has several objects.
+        InputError: a class is unknown, or the task has several articulated objects.
 
     Attributes:
         estimator: the estimator.
-        name: name of the object in the task.
-        asset_class: class of the object.
+        name: name of the articulated object in the task; None if all objects are rigid.
+        asset_class: class of the articulated object; None if all objects are rigid.
+        rigid: tracker of the rigid objects.
         looks: estimates from all clouds of the episode, oldest first.
-        track: latest estimate of the object; None before the first cloud, and if the first cloud does not show the
-            object.
+        track: latest estimate of the articulated object; None before the first cloud, if the first cloud does not show
+            an object of the task, and if all objects are rigid.
         motions: number of motions so far.
-        mismatch: reason why the first cloud does not show an object of the task's class, as plain data; None if the
-            cloud shows the object.
+        mismatch: reason why the first cloud does not show the objects of the task, as plain data; None if the cloud
+            shows the objects.
     """
 
     def __init__(self, estimator: SceneEstimator, objects: Mapping[str, str], success: Sequence[Criterion]) -> None:
-        if len(objects) != 1:
-            message = f"the task has {len(objects)} objects, but an estimator supports only one"
-            raise InputError(message, field="objects", remedy="run the task without an estimator, on the true scene")
-        [(self.name, asset_class)] = objects.items()
-        self.asset_class = estimator.classes[by_name(estimator.classes, asset_class)].name
+        known = {each.name for each in estimator.classes}
+        shapes = {name: shape_of(each) for name, each in objects.items() if each not in known}
+        self.rigid = RigidTracker({name: each for name, each in shapes.items() if each is not None})
+        articulated = [name for name in objects if name not in self.rigid.shapes]
+        for name in articulated:
+            by_name(estimator.classes, objects[name])
+        if len(articulated) > 1:
+            message = (
+                f"the task has {len(articulated)} articulated objects ({', '.join(articulated)}), but an estimator"
+            )
+            remedy = "run the task without an estimator, on the true scene"
+            raise InputError(f"{message} supports only one", field="objects", remedy=remedy)
+        self.name = articulated[0] if articulated else None
+        self.asset_class = objects[articulated[0]] if articulated else None
         self.estimator, self._success = estimator, tuple(success)
-        kinds = {each.type for each in success}
-        self._goal = ("articulated_open" in kinds) - ("articulated_closed" in kinds)
+        self._objects = dict(objects)
         self.reset()
+
+    @property
+    def cloud_settings(self) -> CloudSettings:
+        """Settings of the point clouds for :meth:`take_in`, without noise."""
+        return DENSE if self.rigid.shapes else SETTINGS
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the first cloud has shown all objects of the task."""
+        return bool(self.looks) and self.mismatch is None
 
     def reset(self) -> None:
         """Start an episode."""
@@ -71,24 +106,71 @@ class GoalTracker:
         self.track: Track | None = None
         self.motions = 0
         self.mismatch: dict[str, Any] | None = None
+        self.rigid.reset()
         self._before: Track | None = None
+        self._carried: dict[str, RigidEstimate] = {}
         self._seen_at_first = 0
+        self._first_motion = 0
+        self._obstacles: Points = np.zeros((0, 3), dtype=np.float32)
+        self._aim(self._success)
+
+    def begin_step(self, done: Sequence[Criterion]) -> None:
+        """Start a step of the task with the criteria ``done``: the displacement of the joint and the safety margin are
+        from now on those of the motions of this step.
+        """
+        self._aim(done)
+        self._first_motion = self.motions
+        if self.track is not None:
+            self.track = replace(self.track, moved=0.0)
+
+    def _aim(self, criteria: Sequence[Criterion]) -> None:
+        kinds = {each.type for each in criteria}
+        self._goal = ("articulated_open" in kinds) - ("articulated_closed" in kinds)
 
     def begin_motion(self) -> None:
         """Keep the latest estimate: after the motion, the displacement of the joint is measured against its cloud."""
         self.motions, self._before = self.motions + 1, self.track
+        self._carried = {name: each for name, each in self.rigid.found.items() if self._is_in_moving_part(each)}
+
+    def hold(self, name: str | None, T_world_object: Array | None = None) -> None:
+        """Set the object in the hand and its pose (4, 4) in the world; None: the hand is empty."""
+        self.rigid.hold(name, T_world_object)
 
     def take_in(self, cloud: Points) -> None:
-        """Estimate the object in a cloud. The estimate is discarded if the object is hidden.
+        """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points in the base frame, m, without points of the robot.
         """
-        seen = self.estimator.estimate(cloud, self.asset_class)
+        if not self.rigid.shapes:
+            self._take_in_articulated(cloud)
+            return
+        cloud = np.unique(cloud, axis=0)
+        of_articulated = np.zeros(len(cloud), dtype=bool)
+        if self.asset_class is not None:
+            seen = thinned(cloud)
+            estimate = self.estimator.estimate(seen, self.asset_class)
+            of_articulated = _nearest_labels(cloud, seen, _groups(estimate, len(seen))) == TARGET
+        T = self.estimator.profile.T_world_base
+        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated)
+        if not self.looks and self.rigid.missing:
+            name = self.rigid.missing[0]
+            self.mismatch = {"object": name, "class": self._objects[name]}
+        rest = cloud[own < 0]
+        if self.asset_class is not None:
+            self._take_in_articulated(rest)
+        else:
+            self.looks.append(SceneEstimate((), np.arange(len(rest))))
+            self._obstacles = _without_strays(rest)
+
+    def _take_in_articulated(self, cloud: Points) -> None:
+        """Estimate the articulated object in a cloud (N, 3) without rigid objects of the task."""
+        assert self.asset_class is not None
+        seen = self._estimate(cloud, self.asset_class)
         self.looks.append(seen)
         found = seen.objects[0] if seen.objects else None
         if self.track is None:
-            self.mismatch = self._mismatch(found)
+            self.mismatch = self.mismatch or self._mismatch(found)
         if found is None or self.mismatch is not None or len(found.points) < LEAST_SEEN * self._seen_at_first:
             self.track = None if self.track is None else replace(self.track, change=None)
             return
@@ -98,10 +180,51 @@ class GoalTracker:
             if self._before is None
             else self._before.after(found, cloud, seen.others, self._goal)
         )
+        self._carry()
+
+    def _estimate(self, cloud: Points, asset_class: str) -> SceneEstimate:
+        """Estimate the articulated object. A cloud of a task with rigid objects is thinned first, because the network
+        was trained on clouds of a fixed size; the result has the rows of the whole cloud.
+        """
+        if not self.rigid.shapes:
+            return self.estimator.estimate(cloud, asset_class)
+        seen = thinned(cloud)
+        estimate = self.estimator.estimate(seen, asset_class)
+        groups = _nearest_labels(cloud, seen, _groups(estimate, len(seen)))
+        others = np.flatnonzero(groups == OTHER)
+        if not estimate.objects:
+            return SceneEstimate((), others)
+        [found] = estimate.objects
+        rows = np.flatnonzero(groups == TARGET)
+        moving = _nearest_labels(cloud[rows], seen[found.points], found.moving)
+        return SceneEstimate((replace(found, points=rows, moving=moving),), others)
+
+    def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
+        """Return whether the centre of a rigid object lies in the bounding box of the moving part."""
+        track = self.track
+        if track is None or not track.found.moving.any():
+            return False
+        T = self.estimator.profile.T_world_base
+        points = track.cloud[track.found.points[track.found.moving]] @ T[:3, :3].T + T[:3, 3]
+        return bool((points.min(axis=0) <= thing.center).all() and (thing.center <= points.max(axis=0)).all())
+
+    def _carry(self) -> None:
+        """Move the objects in the moving part by the joint's displacement in the latest motion, unless the latest cloud
+        shows them.
+        """
+        track = self.track
+        if track is None or track.change is None or not self._carried:
+            return
+        joint, T = track.found.joint, self.estimator.profile.T_world_base
+        motion = T @ joint_motion(joint.type, joint.axis, track.change, joint.origin) @ np.linalg.inv(T)
+        for name, before in self._carried.items():
+            if self.rigid.is_hidden(name):
+                self.rigid.found[name] = before.at(motion @ before.T_world_object)
 
     def _mismatch(self, found: ObjectEstimate | None) -> dict[str, Any] | None:
         """Return why a cloud does not show an object of the task's class; None if the cloud shows the object."""
-        detail: dict[str, Any] = {"class": self.asset_class}
+        detail: dict[str, Any] = {"object": self.name} if self.rigid.shapes else {}
+        detail["class"] = self.asset_class
         if found is not None:
             likeliest = max(found.classes, key=lambda name: found.classes[name])
             if CLASS_ODDS * found.confidence >= found.classes[likeliest]:
@@ -146,17 +269,91 @@ class GoalTracker:
             distrust: factor of the safety margin; 0 ignores the uncertainty of the estimate. With a negative factor,
             an estimate below the goal counts as success if its uncertainty allows this.
         """
-        assert self.track is not None, "the first cloud does not show the object"
-        found, profile = self.track.found, self.estimator.profile
-        T_world_base = profile.T_world_base
-        keypoints = {name: T_world_base[:3, :3] @ at + T_world_base[:3, 3] for name, at in found.keypoints.items()}
-        doubt = distrust * found.joint.openness_deviation / max(self.motions, 1)
+        assert self.is_seen, "the first cloud does not show the objects"
+        profile, track = self.estimator.profile, self.track
+        openness, joint_speed = {}, {}
+        keypoints: dict[str, dict[str, Array]] = {name: each.keypoints for name, each in self.rigid.found.items()}
+        contents: dict[str, frozenset[str]] = {}
+        if track is not None and self.name is not None:
+            found, T = track.found, profile.T_world_base
+            keypoints[self.name] = {name: T[:3, :3] @ at + T[:3, 3] for name, at in found.keypoints.items()}
+            doubt = distrust * found.joint.openness_deviation / max(self.motions - self._first_motion, 1)
+            openness[self.name] = found.joint.openness - doubt * self._goal
+            joint_speed[self.name] = 0.0
+            contents = {self.name: self._contents(track)} if self.rigid.shapes else {}
         return Measurement(
-            openness={self.name: found.joint.openness - doubt * self._goal},
-            joint_speed={self.name: 0.0},
-            keypoints={self.name: keypoints},
-            poses={},
-            speeds={},
+            openness=openness,
+            joint_speed=joint_speed,
+            keypoints=keypoints,
+            poses={name: each.pose for name, each in self.rigid.found.items()},
+            speeds={name: np.zeros(2) for name in self.rigid.found},
             gripper=profile.gripper_with(q.tolist()),
             finger_opening=profile.gripper.opening(q[profile.arm_size :]),
+            start_positions=self.rigid.start,
+            bounds={name: each.bounds for name, each in self.rigid.found.items()},
+            contents=contents,
         )
+
+    def _contents(self, track: Track) -> frozenset[str]:
+        """Return the names of the rigid objects in the bounding box of the articulated object, except the grasped
+        object.
+        """
+        T = self.estimator.profile.T_world_base
+        points = track.cloud[track.found.points] @ T[:3, :3].T + T[:3, 3]
+        low, high = points.min(axis=0), points.max(axis=0)
+        low[2] = 0.0
+        return frozenset(
+            name
+            for name, each in self.rigid.found.items()
+            if name != self.rigid.held and (low <= each.center).all() and (each.center <= high).all()
+        )
+
+    def scene(self, q: Array) -> Scene:
+        """Return the latest estimate as a scene of the planner.
+
+        Args:
+            q: (n,) joint values of the robot.
+        """
+        assert self.is_seen, "the first cloud does not show the objects"
+        profile, track = self.estimator.profile, self.track
+        T_base_world = np.linalg.inv(profile.T_world_base)
+        rigid = {name: each.scene_object(name, T_base_world) for name, each in self.rigid.found.items()}
+        if track is None or self.name is None:
+            return planning_scene({}, self._obstacles, np.arange(len(self._obstacles)), q, profile, rigid=rigid)
+        cell = FINE_CELL if rigid else CELL
+        found = planning_scene({self.name: track.found}, track.cloud, track.others, q, profile, rigid=rigid, cell=cell)
+        # The objects of the scene are in the order of the task.
+        return replace(found, objects={name: found.objects[name] for name in self._objects})
+
+
+def thinned(cloud: Points) -> Points:
+    """Return a cloud as the network was trained on it, from a dense cloud (N, 3) in the base frame, m."""
+    points = cloud[cloud[:, 2] > SETTINGS.low[2]]
+    points = points[uniform_stride(len(points), SETTINGS.candidates)]
+    if not len(points):
+        return points
+    assert SETTINGS.outliers is not None
+    points = points[inlier_mask(points, SETTINGS.neighbors, SETTINGS.outliers)]
+    return points[farthest_points(points, SETTINGS.points)]
+
+
+def _groups(seen: SceneEstimate, count: int) -> npt.NDArray[np.int64]:
+    """Return the group of each of ``count`` points: ``STRAY``, ``OTHER`` or ``TARGET``."""
+    groups = np.full(count, STRAY, dtype=np.int64)
+    groups[seen.others] = OTHER
+    for each in seen.objects:
+        groups[each.points] = TARGET
+    return groups
+
+
+def _nearest_labels(points: Points, labelled: Points, labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return for each point (N, 3) the label of the nearest labelled point (M, 3)."""
+    if not len(labelled):
+        return np.zeros(len(points), dtype=labels.dtype)
+    return labels[cKDTree(labelled).query(points)[1]]
+
+
+def _without_strays(cloud: Points) -> Points:
+    """Return the points (N, 3) of a cloud that belong to a cluster."""
+    rows = clusters(cloud.astype(np.float64))
+    return cloud[np.sort(np.concatenate(rows))] if rows else cloud[:0]

@@ -30,43 +30,53 @@ _TABLE_HULLS = (corners(),)
 
 
 def planning_scene(
-    objects: Mapping[str, ObjectEstimate], cloud: Points, others: npt.NDArray[np.int64], q: Array, profile: RobotProfile
+    objects: Mapping[str, ObjectEstimate],
+    cloud: Points,
+    others: npt.NDArray[np.int64],
+    q: Array,
+    profile: RobotProfile,
+    *,
+    rigid: Mapping[str, SceneObject] | None = None,
+    cell: float = CELL,
 ) -> Scene:
     """Convert estimated objects to a scene of the planner.
 
     Args:
-        objects: estimated objects by name in the task.
+        objects: estimated articulated objects by name in the task.
         cloud: (N, 3) point cloud from which the objects were estimated, base frame, m.
         others: row indices of cloud points on other bodies, which become obstacles.
         q: (n,) joint values of the robot.
         profile: robot profile.
+        rigid: rigid objects of the planner's scene by name.
+        cell: side of the grid cells of the boxes, m.
     """
     table = np.eye(4)
     table[2, 3] = -HALF_SIZE[2]
     fixtures = [SceneBody(TABLE, _TABLE_HULLS, np.linalg.inv(profile.T_world_base) @ table)]
-    hulls = boxes(cloud[others])
+    hulls = boxes(cloud[others], cell)
     if hulls:
         fixtures.append(SceneBody("others", hulls, np.eye(4)))
     return Scene(
         q=q,
         qvel=np.zeros_like(q),
         T_world_base=profile.T_world_base,
-        objects={name: scene_object(name, each, cloud) for name, each in objects.items()},
+        objects={name: scene_object(name, each, cloud, cell) for name, each in objects.items()} | dict(rigid or {}),
         fixtures=tuple(fixtures),
     )
 
 
-def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject:
+def scene_object(name: str, found: ObjectEstimate, cloud: Points, cell: float = CELL) -> SceneObject:
     """Return an estimate as an object of the planner's scene.
 
     Args:
         name: name of the object in the task.
         found: estimated object.
         cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
+        cell: side of the grid cells of the boxes, m.
     """
     bodies = []
     for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):
-        hulls = boxes(cloud[rows])
+        hulls = boxes(cloud[rows], cell)
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint, beyond = found.joint, BEYOND[found.joint.type]
@@ -89,16 +99,17 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points) -> SceneObject
     )
 
 
-def boxes(points: Points) -> tuple[Array, ...]:
+def boxes(points: Points, cell: float = CELL) -> tuple[Array, ...]:
     """Divide points among the cells of a grid, and return the corners (8, 3) of an axis-aligned box around the points
     of each cell. The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
 
     Args:
         points: (N, 3) points, m.
+        cell: side of the cells, m.
     """
     if not len(points):
         return ()
-    cells, rows = np.unique(np.floor(points / CELL).astype(np.int64), axis=0, return_inverse=True)
+    cells, rows = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(rows.reshape(-1), kind="stable")
     counts = np.bincount(rows.reshape(-1), minlength=len(cells))
     signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
