@@ -5,8 +5,8 @@
 The sentences come from ``sentences.toml``, which also states the steps that a person means. An outcome counts as good
 if the parser finds these steps, or if it refuses the sentence with a reason; steps that the person does not mean count
 as wrong. Each understood sentence is then carried out in random scenes with new generated objects. The planner
-estimates the scene from point clouds if the sentence is about one articulated object, and knows the true scene
-otherwise.
+estimates the scene from point clouds if the sentence is about at most one articulated object, and knows the true scene
+otherwise. With ``--scene true`` it always knows the true scene.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ from step_notation import in_words
 SENTENCES = Path(__file__).parent / "sentences.toml"
 
 
-def read(say: str, meant: Sequence[str], library: gensim2.Library) -> tuple[dict[str, Any], Composed | None]:
+def read(
+    say: str, meant: Sequence[str], library: gensim2.Library, scene: str
+) -> tuple[dict[str, Any], Composed | None]:
     """Parse a sentence, and return its row of the table with the task that carries it out."""
     row: dict[str, Any] = {"say": say, "meant": list(meant), "steps": [], "reason": None, "task": None, "scene": None}
     try:
@@ -47,7 +49,7 @@ def read(say: str, meant: Sequence[str], library: gensim2.Library) -> tuple[dict
     row["steps"] = [in_words(step) for step in steps]
     row["outcome"] = "as meant" if row["steps"] == row["meant"] else "not as meant"
     row["task"] = composed.task.name
-    row["scene"] = "perceived" if is_estimable(steps) else "true"
+    row["scene"] = scene if is_estimable(steps) else "true"
     return row, composed if row["outcome"] == "as meant" else None
 
 
@@ -115,12 +117,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--episodes", type=int, default=1, help="episodes of each sentence; 0 only parses")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scene", choices=("perceived", "true"), default="perceived", help="scene of the planner")
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
     library = gensim2.open_library("builtin")
     rows, tasks = [], dict[str, Composed]()
     for each in tomllib.loads(arguments.sentences.read_text())["sentences"]:
-        row, composed = read(each["say"], each["meant"], library)
+        row, composed = read(each["say"], each["meant"], library, arguments.scene)
         rows.append(row)
         if composed is not None:
             tasks[composed.task.name] = composed

@@ -45,8 +45,7 @@ def test_a_sentence_of_several_steps_is_done_on_the_true_scene(tmp_path: Path) -
     ("words", "message"),
     [
         (["do", "paint the box"], "'paint the box': unknown verb"),
-        (["do", "open the box, put the apple into it"], "add --scene true"),
-        (["do", "pick up the mug"], "add --scene true"),
+        (["do", "close the laptop and the box"], "this instruction is about laptop, box"),
         (["do", "open the box", "--scene", "true", "--noise", "d435"], "--noise requires"),
         (["do", "open the box", "--policy", "builtin", "--scene", "true"], "cannot be combined with --policy"),
         (["do", "open the box", "--episodes", "0"], "--episodes"),

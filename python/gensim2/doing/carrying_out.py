@@ -18,7 +18,7 @@ from gensim2.data.runfolder import TaskFolder, default_run_dir
 from gensim2.doing.composing import Composed, compose
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.instructions.grammar import parse
-from gensim2.instructions.steps import MoveJoint, Step
+from gensim2.instructions.steps import Step
 from gensim2.objects import open_library
 from gensim2.objects.words import noun
 from gensim2.rollout.config import PERCEIVED_SCENE, EvaluationArguments, RolloutOptions
@@ -120,7 +120,7 @@ def do(
     Args:
         sentence: instruction in English.
         scene_source: source of the planner's scene, as in :class:`~gensim2.rollout.config.RolloutOptions`. An estimate
-            from point clouds is possible for instructions about one articulated object.
+            from point clouds is possible for instructions about at most one articulated object.
         depth_noise: noise of the depth cameras for an estimated scene.
         policy: folder of a policy that acts instead of the planner, or ``"builtin"``.
         episodes: number of random scenes.
@@ -170,26 +170,28 @@ def do(
 
 
 def is_estimable(steps: Sequence[Step]) -> bool:
-    """Return whether the scene of an instruction can be estimated from point clouds: the instruction must be about one
-    articulated object.
+    """Return whether the scene of an instruction can be estimated from point clouds: the instruction may be about rigid
+    objects, but about at most one articulated object.
     """
-    return len(_objects(steps)) == 1 and all(isinstance(step, MoveJoint) for step in steps)
+    return len(_articulated(steps)) <= 1
 
 
-def _objects(steps: Sequence[Step]) -> list[str]:
-    return list(dict.fromkeys(noun(each) for step in steps for each in step.classes))
+def _articulated(steps: Sequence[Step]) -> list[str]:
+    """Return the nouns of the articulated objects in an instruction."""
+    kind = open_library("builtin").kind
+    return list(dict.fromkeys(noun(each) for step in steps for each in step.classes if kind(each) == "articulated"))
 
 
 def _require_estimable(steps: Sequence[Step]) -> None:
     """Check that the scene of an instruction can be estimated.
 
     Raises:
-        InputError: the instruction is about several objects, or about a rigid one.
+        InputError: the instruction is about several articulated objects.
     """
     if not is_estimable(steps):
         raise InputError(
-            "only scenes with one articulated object can be estimated from point clouds, but this instruction is about "
-            f"{', '.join(_objects(steps))}",
+            "only scenes with at most one articulated object can be estimated from point clouds, but this instruction "
+            f"is about {', '.join(_articulated(steps))}",
             field="scene_source",
             remedy="add --scene true, which gives the planner the true scene of the simulator",
         )

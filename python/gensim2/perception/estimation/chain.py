@@ -61,14 +61,17 @@ class _Chain(ChainController):
         super().reset(observation, seed)
         self.is_finished = False
 
-    def resume(self, last: Action) -> None:
-        """Plan the task's last step again after the controller has already ended the episode as successful. Call this
-        method if a new estimate of the scene shows that the goal is not reached.
+    def resume(self, last: Action, *, from_start: bool = False) -> None:
+        """Plan again after the controller has already ended the episode as successful. Call this method if a new
+        estimate of the scene shows that the goal is not reached.
 
         Args:
             last: latest action of the controller. The controller repeats this action until the new motion begins.
+            from_start: whether to repeat all steps of the task instead of the last step.
         """
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
+        if from_start:
+            self._at, self._running, self._waited = 0, None, 0
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
         self.is_finished = True
@@ -95,10 +98,13 @@ class PerceivingChain:
 
     A step counts as done when the estimate shows that its goal is reached. The openness is tracked over the motions of
     an episode (:mod:`~gensim2.perception.estimation.tracking`). After the last step the hand retreats, and the
-    controller estimates the scene once more. If the goal is not reached, the controller repeats the last step. If the
-    first point cloud shows no object of the task's class, the episode ends without an action, and the controller
-    reports an event with :attr:`Cause.OBJECT_NOT_SEEN`. The task must have exactly one object, and this object must be
-    articulated.
+    controller estimates the scene once more. If the goal is not reached, the controller repeats the last step, or all
+    steps if a rigid object is not at its goal. If the first point cloud does not show all objects of the task, the
+    episode ends without an action, and the controller reports an event with :attr:`Cause.OBJECT_NOT_SEEN`. The task may
+    have rigid objects, but at most one articulated object.
+
+    A grasped object moves with the hand. The joint positions of the fingers show whether the hand has missed or lost
+    the object. After the release, the next point cloud shows where the object lies.
 
     Args:
         task: the task, the name of a library task, or the fields of a task.
@@ -112,7 +118,8 @@ class PerceivingChain:
         threads: number of PyTorch threads.
 
     Raises:
-        InputError: the estimator cannot be read or does not know a class of the task, or the task has rigid objects.
+        InputError: the estimator cannot be read or does not know a class of the task, or the task has several
+            articulated objects.
     """
 
     @staticmethod
@@ -220,9 +227,10 @@ class PerceivingChain:
         if self._checks_goal:
             assert self._last is not None
             self._checks_goal = False
-            if self._goal.is_reached(observation.joint_positions.astype(np.float64), distrust=0.0):
+            q = observation.joint_positions.astype(np.float64)
+            if self._goal.is_reached(q, distrust=0.0):
                 return None
-            self._chain.resume(self._last)
+            self._chain.resume(self._last, from_start=self._goal.is_displaced(q))
         action = self._chain.act(self._with_belief(observation))
         if self._step is not self._chain.step:
             self._begin_step()

@@ -257,6 +257,17 @@ class GoalTracker:
         """
         return all_hold(self._success, self.measurement(q, distrust))
 
+    def is_displaced(self, q: Array) -> bool:
+        """Return whether a rigid object is not where the success criteria require it.
+
+        Args:
+            q: (n,) joint values of the robot.
+        """
+        measured = self.measurement(q, 0.0)
+        return any(
+            not self.rigid.shapes.keys().isdisjoint(each.objects) and not each.holds(measured) for each in self._success
+        )
+
     def measurement(self, q: Array, distrust: float = DISTRUST) -> Measurement:
         """Return the latest estimate as a measurement, from which success criteria are computed.
 
@@ -280,7 +291,9 @@ class GoalTracker:
             doubt = distrust * found.joint.openness_deviation / max(self.motions - self._first_motion, 1)
             openness[self.name] = found.joint.openness - doubt * self._goal
             joint_speed[self.name] = 0.0
-            contents = {self.name: self._contents(track)} if self.rigid.shapes else {}
+            # Without contents, the criteria compare heights, because an estimate does not show whether the articulated
+            # object is a container.
+            contents = {self.name: inside} if (inside := self._contents(track)) else {}
         return Measurement(
             openness=openness,
             joint_speed=joint_speed,
@@ -316,7 +329,7 @@ class GoalTracker:
         """
         assert self.is_seen, "the first cloud does not show the objects"
         profile, track = self.estimator.profile, self.track
-        T_base_world = np.linalg.inv(profile.T_world_base)
+        T_base_world = np.asarray(np.linalg.inv(profile.T_world_base), dtype=np.float64)
         rigid = {name: each.scene_object(name, T_base_world) for name, each in self.rigid.found.items()}
         if track is None or self.name is None:
             return planning_scene({}, self._obstacles, np.arange(len(self._obstacles)), q, profile, rigid=rigid)
@@ -350,7 +363,8 @@ def _nearest_labels(points: Points, labelled: Points, labels: npt.NDArray[Any]) 
     """Return for each point (N, 3) the label of the nearest labelled point (M, 3)."""
     if not len(labelled):
         return np.zeros(len(points), dtype=labels.dtype)
-    return labels[cKDTree(labelled).query(points)[1]]
+    found: npt.NDArray[Any] = labels[cKDTree(labelled).query(points)[1]]
+    return found
 
 
 def _without_strays(cloud: Points) -> Points:

@@ -116,8 +116,8 @@ class RigidTracker:
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
         self._place(sought, points, on_articulated, changed, own)
         for name in [each for each in sought if each in self._loose]:
-            self._settle(name, points, changed & (own < 0))
-            self._claim(name, points, own)
+            if self._settle(name, points, changed & (own < 0)):
+                self._claim(name, points, own)
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
         self._past = points[own < 0]
         for name, each in self.found.items():
@@ -166,8 +166,8 @@ class RigidTracker:
             own[found[column]] = self._index(name)
             self._claim(name, points, own)
 
-    def _settle(self, name: str, points: Array, changed: Mask) -> None:
-        """Estimate where a released object has come to rest.
+    def _settle(self, name: str, points: Array, changed: Mask) -> bool:
+        """Estimate where a released object has come to rest, and return whether the cloud shows the object.
 
         The points that the earlier clouds do not contain show the object, if their dimensions and their shape fit.
         Without such points the object counts as lying below the place of the release.
@@ -187,13 +187,14 @@ class RigidTracker:
         if fits:
             self.found[name] = min(fits, key=lambda each: each[0])[1]
             self._loose.discard(name)
-            return
+            return True
         low, high = before.bounds
         middle, radius = 0.5 * (low + high)[:2], 0.25 * float(np.linalg.norm((high - low)[:2]))
         below = points[np.linalg.norm(points[:, :2] - middle, axis=1) <= radius, 2]
         below = below[below <= low[2]]
         support = float(below.max()) if len(below) else 0.0
         self.found[name] = before.moved(np.array([0.0, 0.0, min(0.0, support - float(low[2]))]))
+        return False
 
 
 def _displaced(found: RigidEstimate, points: Array) -> RigidEstimate:
