@@ -98,7 +98,8 @@ class GoalTracker:
     @property
     def is_seen(self) -> bool:
         """Whether the first cloud has shown all objects of the task."""
-        return bool(self.looks) and self.mismatch is None
+        is_found = bool(self.looks) if self.name is None else self.track is not None
+        return is_found and self.mismatch is None
 
     def reset(self) -> None:
         """Start an episode."""
