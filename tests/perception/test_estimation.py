@@ -628,14 +628,14 @@ def test_the_goal_is_checked_again_after_the_retreat(
     chain.reset(seen, 0)
     action, resumed = np.zeros(8, dtype=np.float32), []
     monkeypatch.setattr(chain._chain, "is_finished", True)
-    monkeypatch.setattr(chain._chain, "resume", resumed.append)
+    monkeypatch.setattr(chain._chain, "resume", lambda last, *, from_start: resumed.append((last, from_start)))
     monkeypatch.setattr(chain._chain, "act", lambda _: action if resumed or chain._last is None else None)
     assert chain.act(seen) is action
     # The controller repeats its last action while the cameras are read.
     assert chain.act(seen) is action
     assert ObservationSpec.of(chain.observation_spec).cloud is not None
     assert (chain.act(replace(seen, step=2)) is action) == goes_on
-    assert len(resumed) == goes_on
+    assert [from_start for _, from_start in resumed] == [False] * goes_on
     assert len(chain.looks) == 2
     # An episode may end during a motion, so the next one may begin with an observation without a cloud.
     monkeypatch.undo()
