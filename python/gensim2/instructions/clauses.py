@@ -1,19 +1,19 @@
 """Parse a sentence into clauses: a verb with its modifiers, objects and prepositional phrases.
 
-Every word of a sentence must have a role. A word without a role makes the parser refuse the whole sentence.
+Every word of an instruction must have a role. A word without a role makes the parser refuse the whole sentence.
+Statements, reasons and polite words beside an instruction (:mod:`~gensim2.instructions.asides`) only name objects to
+which a pronoun can refer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Literal
 
 from gensim2.instructions import vocabulary
+from gensim2.instructions.asides import Asides
 from gensim2.instructions.steps import Refusal, SentenceError
-from gensim2.instructions.vocabulary import Action, Noun, Words, longest, spelled
-from gensim2.objects import words
+from gensim2.instructions.vocabulary import MODIFIERS, PHRASES, WORDS, Action, Noun, Phrases, Words
 
 Pronoun = Literal["it", "them", "there"]
 
@@ -88,55 +88,171 @@ class Clause:
         found = vocabulary.VERBS[verb].get(tuple(sorted(modifiers)))
         lifted = "lifted" in self.modifiers and found not in (Action.LIFT, Action.TAKE)
         of_part = found in vocabulary.SWINGS
-        of_part |= found in (Action.LIFT, Action.LOWER) and verb in vocabulary.OF_PARTS
+        of_part |= found in (Action.LIFT, Action.LOWER) and verb in WORDS["of_parts"]
         if found is None or lifted or (of_part and None in parts):
             raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, f"{verb!r} does not go with the other words")
-        if found is Action.TAKE and verb in vocabulary.GRASPS and not modifiers:
+        if found is Action.TAKE and not modifiers and verb in WORDS["grasps"] and (verb != "take" or self.gripped):
             return found
-        if parts & vocabulary.COVERS:
+        if parts & WORDS["covers"]:
             return vocabulary.OF_COVER.get(found, found)
-        if parts & vocabulary.PRESSED:
+        if parts & WORDS["pressed"]:
             return vocabulary.OF_PRESSED.get(found, found)
         return found
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A part of a sentence that asks for nothing.
+
+    Attributes:
+        text: the part as the user wrote it.
+        mentions: noun phrases with a known noun. The first one has a state if the statement says that it is open or
+            closed.
+        is_topic: whether the part only names an object, to which the next clause must refer.
+    """
+
+    text: str
+    mentions: tuple[Mention, ...]
+    is_topic: bool = False
 
 
 class ClauseParser:
     """Parser of the clauses of one sentence.
 
     Args:
-        sentence: the sentence as words, without its reason.
+        sentence: the sentence as words.
     """
 
     def __init__(self, sentence: Words) -> None:
         self._words, self._at = sentence, 0
+        self._asides = Asides(sentence, self._asks, self._names)
 
-    def clauses(self) -> list[Clause]:
-        """Return the clauses in the order of the sentence.
+    def clauses(self) -> list[Clause | Statement]:
+        """Return the clauses and statements in the order of the sentence.
 
         Raises:
             SentenceError: a part of the sentence is not understood.
         """
-        found: list[Clause] = []
-        while True:
-            self._skip(_CONNECTORS, _POLITE, _NEUTRAL)
+        found: list[Clause | Statement] = []
+        try:
+            while self._read(found):
+                pass
+        except SentenceError as error:
+            negation = next((word for word in self._words[self._at :] if word in WORDS["negations"]), None)
+            if negation is not None and error.reason != Refusal.AMBIGUOUS:
+                raise SentenceError(Refusal.NEGATION, negation, "say only what to do") from error
+            raise
+        return found
+
+    def _read(self, found: list[Clause | Statement]) -> bool:
+        """Read the next clause or statement, and return whether there is one."""
+        follows = self._at > 0 and bool(found) and isinstance(found[-1], Clause)
+        follows &= self._word() not in (".", "!", "?", ";", ":")
+        self._skip(PHRASES["connectors"])
+        if self._at == len(self._words):
+            return False
+        start, text = self._at, self._word()
+        reason = max(PHRASES["reasons"].length(start, self._words), int(text == "so" and follows))
+        if not reason or (end := self._asides.end(start, follows=follows)) == start:
+            end = start
+            self._at += text == "so" and start + 1 < len(self._words)
+            self._skip(PHRASES["connectors"], PHRASES["polite"], PHRASES["neutral"])
             if self._at == len(self._words):
-                return found
-            start = self._at
-            more = self._state()
-            if more is None and found:
-                more = self._continuation(found[-1])
-            if more is not None:
-                found.append(more)
-                continue
-            verbs = self._verbs()
-            if not verbs:
-                raise self._no_verb(start)
-            found.append(self._completed(Clause("", verbs), start))
+                return False
+            try:
+                found.append(self._instruction([each for each in found if isinstance(each, Clause)]))
+                return True
+            except SentenceError:
+                failed, self._at = self._at, start
+                if (end := self._asides.end(start, follows=follows)) == start:
+                    self._skip(PHRASES["connectors"])
+                    if (end := self._asides.end(self._at, follows=follows)) == self._at:
+                        if (means := self._means(failed)) is not None:
+                            found += means
+                            return True
+                        topic = self._topic(start)
+                        if topic is not None:
+                            found.append(topic)
+                            return True
+                        self._at = failed
+                        raise
+        found.append(self._statement(start, end))
+        return True
+
+    def _means(self, start: int) -> list[Clause | Statement] | None:
+        """Read a purpose and the action that serves it, as in "start the toast by pushing the lever down"."""
+        for at in range(start, len(self._words)):
+            if self._words[at] in WORDS["ends"]:
+                return None
+            verb = vocabulary.GERUNDS.get(self._words[at + 1] if at + 1 < len(self._words) else "")
+            if self._words[at] == "by" and verb is not None:
+                purpose = self._statement(start, at)
+                self._at = at + 2
+                return [purpose, self._completed(Clause("", (verb,)), at)]
+        return None
+
+    def _topic(self, start: int) -> Statement | None:
+        """Read an object that the next clause refers to, as in "the drawer, close it"."""
+        self._at = start
+        mention = self.mention(_OF_PART)
+        if mention is None or mention.noun is None:
+            return None
+        self._skip(PHRASES["places"])
+        return Statement(self._text(start), (mention,), is_topic=True) if self._ends() else None
+
+    def _instruction(self, before: list[Clause]) -> Clause:
+        """Read an instruction.
+
+        Raises:
+            SentenceError: no instruction begins at the current word, or it is not understood.
+        """
+        start = self._at
+        more = self._state()
+        if more is None and before:
+            more = self._continuation(before[-1])
+        if more is not None:
+            return more
+        verbs = self._verbs()
+        if not verbs:
+            raise self._no_verb(start)
+        return self._completed(Clause("", verbs), start)
+
+    def _asks(self, at: int) -> bool:
+        """Return whether an instruction that the parser understands begins at a word."""
+        before, self._at = self._at, at
+        try:
+            self._skip(PHRASES["polite"], PHRASES["neutral"])
+            if self._word() not in vocabulary.VERBS and not self._begins_wish():
+                return False
+            self._instruction([])
+        except SentenceError:
+            return False
+        finally:
+            self._at = before
+        return True
+
+    def _begins_wish(self) -> bool:
+        """Return whether a phrase such as "make sure that" begins at the current word."""
+        return PHRASES["wishes"].length(self._at, self._words) > 0
+
+    def _names(self, at: int) -> bool:
+        """Return whether the name of an articulated object begins at a word."""
+        length = _NOUNS.length(at, self._words)
+        return length > 0 and not vocabulary.nouns()[self._words[at : at + length]].rigid
+
+    def _statement(self, start: int, end: int) -> Statement:
+        """Return the statement up to the word ``end``, and move there."""
+        inner = ClauseParser(self._words[start:end])
+        mentions: list[Mention] = []
+        while (mention := inner.next_mention()) is not None:
+            mentions.append(mention)
+        self._at = end
+        return Statement(self._text(start), tuple(mentions))
 
     def next_mention(self) -> Mention | None:
         """Return the next noun phrase with a known noun, and skip the words before it; None if there is no other."""
         while self._at < len(self._words):
-            found = self._phrase(self._at, take=True)
+            found = self._phrase(self._at, _OF_PART, take=True)
             if found is not None and found.noun is not None:
                 return found
             self._at += 1
@@ -149,8 +265,8 @@ class ClauseParser:
             attach: prepositions that may join a part to its object, as in "the lid of the box".
         """
         start = self._at
-        if self._word() in vocabulary.IT | vocabulary.THEM:
-            pronoun: Pronoun = "it" if self._word() in vocabulary.IT else "them"
+        if self._word() in WORDS["it"] | WORDS["them"]:
+            pronoun: Pronoun = "it" if self._word() in WORDS["it"] else "them"
             # "this" and "both" are also determiners
             after = self._phrase(start + 1)
             if after is None or self._word() in ("it", "them"):
@@ -168,18 +284,19 @@ class ClauseParser:
 
     def _noun_phrase(self, attach: frozenset[str]) -> Mention | None:
         start, state = self._at, None
-        while self._word() in vocabulary.DETERMINERS:
+        while self._word() in WORDS["determiners"]:
             self._at += 1
         while True:
-            if (length := longest(self._at, self._words, _NOUNS)) > 0:
+            if (length := _NOUNS.length(self._at, self._words)) > 0:
                 noun = vocabulary.nouns()[self._words[self._at : self._at + length]]
                 # "door" is a noun, and a part of other objects
                 is_part = self._words[self._at] in vocabulary.parts() and self._joins(self._at + 1, attach)
                 if not is_part:
                     self._at += length
-                    if self._word() == "'s":
-                        self._at += 1
+                    own = self._word() == "'s"
+                    self._at += own
                     part = self._own_part(noun)
+                    self._at -= own and part is None
                     return Mention(self._text(start), noun, part, state=state)
             if self._word() in vocabulary.parts():
                 part, self._at = self._word(), self._at + 1
@@ -193,7 +310,7 @@ class ClauseParser:
             word = self._word()
             if word in vocabulary.STATES:
                 state = vocabulary.STATES[word]
-            elif word not in vocabulary.ADJECTIVES:
+            elif word not in WORDS["adjectives"]:
                 return None
             self._at += 1
 
@@ -212,10 +329,13 @@ class ClauseParser:
 
     def _verbs(self) -> tuple[str, ...]:
         """Read one verb, or two verbs with the same objects; empty if no verb comes."""
-        if (length := longest(self._at, self._words, list(_PHRASAL))) > 0:
+        if (length := _PHRASAL.length(self._at, self._words)) > 0:
             self._at += length
-            return (_PHRASAL[self._words[self._at - length : self._at]],)
+            return (vocabulary.PHRASAL[self._words[self._at - length : self._at]],)
+        self._at += self._word() == "do" and self._word(1) in vocabulary.VERBS
         first = self._word()
+        if self._words[max(self._at - 2, 0) : self._at] == ("if", "you"):
+            first = vocabulary.PARTICIPLES.get(first, first)
         if first not in vocabulary.VERBS:
             return ()
         self._at += 1
@@ -225,33 +345,133 @@ class ClauseParser:
         return (first,)
 
     def _state(self) -> Clause | None:
-        """Read a wish for a state, as in "make sure the box is shut" or "the box must be closed"."""
+        """Read a wish for a state, as in "make sure the box is shut", "the box must be closed" or "lid down"."""
         start = self._at
-        verb = vocabulary.GERUNDS.get(self._word())
-        if verb is not None and any(self._words[start - len(each) : start] == each for each in _MIND):
-            self._at += 1
-            return self._completed(Clause("", (verb,)), start)
-        for wishes, links in _WISHES.items():
+        for read in (self._gerund, self._light_verb, self._unwanted, self._wanted):
+            found = read()
+            if found is not None:
+                return self._completed(found, start)
             self._at = start
-            if not self._comes_longest(wishes) and () not in wishes:
-                continue
-            wanted = self.mention(frozenset(("of", "on", "from")))
-            if wanted is None:
-                continue
-            verb = vocabulary.GERUNDS.get(self._word(1))
-            if () in wishes and verb is not None and self._comes_longest(_NEEDS):
-                self._at += 1
-                return self._completed(Clause("", (verb,), objects=[wanted], restates=True), start)
-            if not self._comes_longest(links) and () not in links:
-                continue
-            self._skip(_NEUTRAL)
-            if self._word() in vocabulary.PARTICIPLES:
-                verb, modifiers = vocabulary.PARTICIPLES[self._word()]
-                self._at += 1
-                clause = Clause("", (verb,), list(modifiers), objects=[wanted], restates=True)
-                return self._completed(clause, start)
-        self._at = start
         return None
+
+    def _gerund(self) -> Clause | None:
+        """Read a gerund and what comes before it, as in "would you mind closing" or "the box needs closing"."""
+        start = self._at
+        self._comes_longest(PHRASES["mind"])
+        asked = self._at > start or any(
+            self._words[max(start - len(each), 0) : start] == each for each in PHRASES["mind"]
+        )
+        verb = vocabulary.GERUNDS.get(self._word())
+        if verb is not None and asked:
+            self._at += 1
+            return Clause("", (verb,))
+        self._at = start
+        wanted = self._placed_mention()
+        if wanted is None or not self._comes_longest(PHRASES["needs"]):
+            return None
+        self._skip(PHRASES["neutral"])
+        verb = vocabulary.GERUNDS.get(self._word())
+        if verb is None:
+            return None
+        self._at += 1
+        return Clause("", (verb,), objects=[wanted])
+
+    def _light_verb(self) -> Clause | None:
+        """Read a noun that stands for a verb, as in "give the lever a push"."""
+        if not self._comes("give"):
+            return None
+        given = self.mention(_OF_PART)
+        if given is None or self._word() not in ("a", "another", "one"):
+            return None
+        self._at += 1
+        while self._word() in WORDS["adjectives"] | {"gentle", "quick", "firm", "light", "slight", "strong", "hard"}:
+            self._at += 1
+        if self._word() not in WORDS["nouns_of_verbs"]:
+            return None
+        self._at += 1
+        return Clause("", (self._words[self._at - 1],), objects=[given])
+
+    def _unwanted(self) -> Clause | None:
+        """Read a state that is not wanted, as in "do not leave the box open" or "the water should not be running"."""
+        start = self._at
+        before = self._comes_longest(PHRASES["unwanted_before"])
+        wishes = not before and self._comes_longest(PHRASES["wishes"])
+        needs_left = before and self._words[self._at - 1] not in ("leave", "let", "keep", "have")
+        wanted = self._placed_mention()
+        if wanted is None:
+            return None
+        if not before and not self._comes_longest(PHRASES["unwanted"]):
+            return None
+        self._skip(PHRASES["neutral"])
+        left = self._comes_longest(PHRASES["unwanted_after"])
+        obliged = {"should", "must", "shall", "may", "can", "need", "ought"} & {*self._words[start : self._at]}
+        if (needs_left and not left) or not (before or wishes or obliged):
+            return None
+        modifier = self._modifier()
+        opposite = vocabulary.OPPOSITES.get(modifier or "")
+        stays = left or {"stay", "remain", "left", "standing"} & {*self._words[start : self._at]}
+        if opposite is None or self._words[self._at - 1] == "opened" or (modifier == "shut" and not stays):
+            return None
+        return Clause("", ("have",), [opposite], objects=[wanted])
+
+    def _wanted(self) -> Clause | None:
+        """Read a state that is wanted, with or without a phrase that says so."""
+        wishes = self._comes_longest(PHRASES["wishes"])
+        asked = not wishes and self._word() in ("can", "could", "may") and "please" in self._words
+        self._at += asked
+        wanted = self._placed_mention()
+        if wanted is None:
+            return None
+        self._skip(PHRASES["neutral"])
+        obliged = self._comes("be") if asked else self._comes_longest(PHRASES["obligations"])
+        linked = not obliged and wishes and self._comes_longest(PHRASES["links"])
+        if not (obliged or wishes):
+            return self._telegraphic(wanted)
+        self._skip(PHRASES["neutral"])
+        verb = vocabulary.PARTICIPLES.get(self._word())
+        if verb in ("open", "close", "shut") and self._word() in vocabulary.STATES:
+            verb = None
+        before = self._words[self._at - 1]
+        if verb is not None:
+            self._at += 1
+        elif (obliged or before == "to") and self._word() in WORDS["intransitive"] and before != "be":
+            verb, self._at = self._word(), self._at + 1
+        elif wanted.noun is not None and wanted.noun.rigid and self._begins_place():
+            verb = "put"
+        elif self._begins_state():
+            verb = "have"
+        if verb is None or (before in ("belongs", "belong") and linked):
+            return None
+        return Clause("", (verb,), objects=[wanted], restates=True)
+
+    def _placed_mention(self) -> Mention | None:
+        """Read an object with its place, as in "the box on the table"."""
+        found = self.mention(_OF_PART)
+        if found is not None and found.noun is not None and not found.noun.rigid:
+            self._skip(PHRASES["places"])
+        return found
+
+    def _begins_place(self) -> bool:
+        return any(PHRASES[name].length(self._at, self._words) for name in ("into", "onto"))
+
+    def _begins_state(self) -> bool:
+        return any(phrases.length(self._at, self._words) for phrases in MODIFIERS.values())
+
+    def _telegraphic(self, wanted: Mention) -> Clause | None:
+        """Read a state directly behind an object, as in "lid down"."""
+        clause = Clause("", ("have",), objects=[wanted])
+        at = self._at
+        self._comes(",")
+        try:
+            # "The door closed" is a statement, but "door closed, please" is not.
+            past = self._word() in vocabulary.PARTICIPLES and wanted.text.split()[0] in WORDS["determiners"]
+            if past or not (self._begins_state() or self._by_part()):
+                return None
+            self._complete(clause)
+        except SentenceError:
+            return None
+        self._at = at
+        return clause if clause.modifiers else None
 
     def _completed(self, clause: Clause, start: int) -> Clause:
         """Read the rest of a clause that begins at the word ``start``."""
@@ -265,8 +485,12 @@ class ClauseParser:
         """
         start, verb = self._at, last.verbs[-1]
         modifier = self._modifier()
-        self._skip(_NEUTRAL)
-        if modifier is not None and modifier != "half" and self._ends():
+        self._skip(PHRASES["neutral"])
+        if (
+            modifier is not None
+            and modifier != "half"
+            and (self._ends() or self._asides.end(self._at, follows=True) > self._at)
+        ):
             return Clause(self._text(start), (verb,), [modifier], objects=list(last.objects), restates=True)
         self._at = start
         if self._word() in vocabulary.VERBS and self._phrase(start) is None:
@@ -278,10 +502,12 @@ class ClauseParser:
 
     def _complete(self, clause: Clause) -> None:
         """Read everything that belongs to the verb of a clause."""
-        attach = frozenset(("of",)) if self._puts(clause) else frozenset(("of", "on", "off", "from"))
+        attach = frozenset(("of",)) if self._puts(clause) else _OF_PART
         while True:
             if self._by_part():
                 clause.gripped = True
+                continue
+            if clause.objects and (self._more_modifiers(clause) or self._result(clause)):
                 continue
             if self._ends():
                 break
@@ -297,18 +523,20 @@ class ClauseParser:
                 clause.half = True
                 clause.modifiers.append("open")
                 continue
-            if (clause.modifiers or not self._puts(clause)) and self._skip(_PLACES):
+            if (clause.modifiers or not self._puts(clause)) and self._skip(PHRASES["places"]):
                 continue
             modifier = self._modifier()
             if modifier is not None:
                 clause.half |= modifier == "half"
                 clause.modifiers += [modifier] if modifier != "half" else []
                 continue
-            if self._skip(_NEUTRAL):
+            if self._skip(PHRASES["neutral"]):
                 continue
             if clause.objects and self._comes("but", "leave", "it", "ajar"):
                 clause.half = True
                 continue
+            if clause.objects and self._asides.end(self._at, follows=True) > self._at:
+                break
             raise self._unknown(clause)
         # To turn something down is not to turn it off.
         clause.half |= "turn" in clause.verbs and clause.modifiers == ["down"]
@@ -338,18 +566,17 @@ class ClauseParser:
     def _prepositional(self, clause: Clause) -> bool:
         """Read a prepositional phrase or a word such as "there"."""
         if Action.HAND in {a for verb in clause.verbs for a in vocabulary.VERBS[verb].values()}:
-            for direction, phrases in _HANDING.items():
-                if (length := longest(self._at, self._words, phrases)) > 0:
+            for direction, phrases in vocabulary.HANDING.items():
+                if (length := phrases.length(self._at, self._words)) > 0:
                     self._at += length
                     clause.direction = direction
                     return True
         puts = self._puts(clause)
         takes = Action.TAKE in {a for verb in clause.verbs for a in vocabulary.VERBS[verb].values()}
-        for field_name, prepositions in (("into", _INTO), ("onto", _ONTO), ("to", _TO), ("source", _OUT_OF)):
-            for preposition in prepositions:
-                end = self._at + len(preposition)
-                if self._words[self._at : end] != preposition or getattr(clause, field_name) is not None:
-                    continue
+        for field_name in ("into", "onto", "to", "source"):
+            length = PHRASES["out_of" if field_name == "source" else field_name].length(self._at, self._words)
+            if length and getattr(clause, field_name) is None:
+                end = self._at + length
                 before, self._at = self._at, end
                 found = self.mention(frozenset(("of",)))
                 if found is None or (found.noun is None and found.pronoun is None):
@@ -358,12 +585,12 @@ class ClauseParser:
                 setattr(clause, field_name, found)
                 return True
         if puts and clause.into is None and clause.onto is None and clause.to is None:
-            length = longest(self._at, self._words, _THERE)
+            length = PHRASES["there"].length(self._at, self._words)
             if length and self._words[self._at] != "away":
                 self._at += length
                 clause.into = THERE
                 return True
-        away = longest(self._at, self._words, _MODIFIERS["away"]) > 0
+        away = MODIFIERS["away"].length(self._at, self._words) > 0
         if takes and not away and clause.source is None and self._comes("out"):
             clause.source = THERE
             return True
@@ -372,7 +599,7 @@ class ClauseParser:
     def _same_object(self, clause: Clause) -> bool:
         """Read a phrase that names the object a second time with another noun, as in "the water from the tap"."""
         start, first = self._at, clause.objects[0]
-        if self._comes_longest(_OF_SAME):
+        if self._comes_longest(PHRASES["of_same"]):
             found = self.mention(frozenset())
             if (
                 found is not None
@@ -388,25 +615,55 @@ class ClauseParser:
         """Read a phrase such as "by its handle"."""
         start = self._at
         self._comes(",")
-        if self._comes_longest(_BY_PART):
-            self._at += self._word() in vocabulary.DETERMINERS
+        if self._comes_longest(PHRASES["by_part"]):
+            self._at += self._word() in WORDS["determiners"]
             if self._word() in vocabulary.parts():
                 self._at += 1
                 return True
         self._at = start
         return False
 
+    def _more_modifiers(self, clause: Clause) -> bool:
+        """Read modifiers behind a comma, as in "push it back, away from me"."""
+        start = self._at
+        modifier = self._modifier() if self._comes(",") else None
+        if modifier in ("away", "back", "closer", "over", "half") and (self._ends() or self._skip(PHRASES["neutral"])):
+            clause.half |= modifier == "half"
+            clause.modifiers += [modifier] if modifier != "half" else []
+            return True
+        self._at = start
+        return False
+
+    def _result(self, clause: Clause) -> bool:
+        """Read the state in which a motion ends, as in "until it is shut"."""
+        start = self._at
+        if self._comes_longest(PHRASES["results_ends"]):
+            return True
+        if self._comes_longest(PHRASES["results"]):
+            self._skip(PHRASES["neutral"])
+            word = self._word()
+            verb = vocabulary.PARTICIPLES.get(word, word.removesuffix("s"))
+            modifier = {"close": "shut", "shut": "shut", "open": "open"}.get(verb) or self._modifier()
+            self._at += verb in ("close", "shut", "open")
+            actions = [vocabulary.VERBS[verb] for verb in clause.verbs]
+            if modifier is not None and self._ends():
+                wanted = tuple(sorted({*clause.modifiers, modifier}))
+                clause.modifiers += [modifier] if all(wanted in each for each in actions) else []
+                return True
+        self._at = start
+        return False
+
     def _modifier(self) -> str | None:
         """Read a modifier, such as "off" or "halfway", if one comes."""
-        best = max(_MODIFIERS, key=lambda name: longest(self._at, self._words, _MODIFIERS[name]))
-        length = longest(self._at, self._words, _MODIFIERS[best])
+        best = max(MODIFIERS, key=lambda name: MODIFIERS[name].length(self._at, self._words))
+        length = MODIFIERS[best].length(self._at, self._words)
         self._at += length
         return best if length else None
 
-    def _skip(self, *groups: Sequence[Words]) -> bool:
+    def _skip(self, *groups: Phrases) -> bool:
         """Skip phrases without meaning, and return whether there were any."""
         start = self._at
-        while (length := max(longest(self._at, self._words, group) for group in groups)) > 0:
+        while (length := max(group.length(self._at, self._words) for group in groups)) > 0:
             self._at += length
         return self._at > start
 
@@ -417,18 +674,17 @@ class ClauseParser:
         self._at += len(phrase)
         return True
 
-    def _comes_longest(self, phrases: Sequence[Words]) -> bool:
+    def _comes_longest(self, phrases: Phrases) -> bool:
         """Read the longest of several phrases, if one comes next."""
-        length = longest(self._at, self._words, phrases)
+        length = phrases.length(self._at, self._words)
         self._at += length
         return length > 0
 
     def _ends(self, ahead: int = 0) -> bool:
         """Return whether the clause ends at the current word, or ``ahead`` words behind it."""
         at = self._at + ahead
-        return (
-            at == len(self._words) or longest(at, self._words, [*_CONNECTORS, *_NEUTRAL] if ahead else _CONNECTORS) > 0
-        )
+        groups = ("connectors", "neutral") if ahead else ("connectors",)
+        return at == len(self._words) or any(PHRASES[name].length(at, self._words) for name in groups)
 
     def _word(self, ahead: int = 0) -> str:
         at = self._at + ahead
@@ -440,7 +696,7 @@ class ClauseParser:
     def _rest(self) -> str:
         """Return the words up to the next connector, for error messages."""
         start, end = self._at, self._at
-        while end < len(self._words) and (end == start or self._words[end] not in vocabulary.ENDS):
+        while end < len(self._words) and (end == start or self._words[end] not in WORDS["ends"]):
             end += 1
         return " ".join(self._words[start:end]).replace(" 's", "'s")
 
@@ -451,10 +707,10 @@ class ClauseParser:
     def _unknown(self, clause: Clause) -> SentenceError:
         """Return the error for a word in a clause that has no role."""
         rest = self._rest()
-        follows_determiner = self._word() in vocabulary.DETERMINERS
+        follows_determiner = self._word() in WORDS["determiners"]
         if not clause.objects or follows_determiner or self._words[self._at - 1] in _PREPOSITIONS:
             return SentenceError(Refusal.UNKNOWN_OBJECT, rest, known_objects())
-        if longest(self._at, self._words, [*_INTO, *_ONTO, *_TO, *_OUT_OF]):
+        if any(PHRASES[name].length(self._at, self._words) for name in _PLACING):
             return SentenceError(Refusal.UNKNOWN_OBJECT, rest, known_objects())
         return SentenceError(Refusal.NOT_UNDERSTOOD, rest, "leave these words out, or use other words")
 
@@ -473,54 +729,9 @@ def known_objects() -> str:
     return f"I know {', '.join(names)}, and things such as apple, mug, marker or tennis ball"
 
 
-def _group(phrases: Sequence[str]) -> list[Words]:
-    return [spelled(each) for each in phrases]
-
-
-_CONNECTORS = _group(vocabulary.CONNECTORS)
-_POLITE = _group(vocabulary.POLITE)
-_NEUTRAL = _group(vocabulary.NEUTRAL)
-_PLACES, _BY_PART = _group(vocabulary.PLACES), _group(vocabulary.BY_PART)
-_OF_SAME = _group(("of", "from", "out of", "at", "in", "on"))
-_NEEDS, _MIND = _group(vocabulary.NEEDS), _group(vocabulary.MIND)
-_WISHES = {tuple(_group(wishes)): _group(links) for wishes, links in vocabulary.WISHES.items()}
-_PHRASAL = {spelled(phrase): verb for phrase, verb in vocabulary.PHRASAL.items()}
-_NOUNS = list(vocabulary.nouns())
-_INTO, _ONTO, _TO = _group(vocabulary.INTO), _group(vocabulary.ONTO), _group(vocabulary.TO)
-_OUT_OF, _THERE = _group(vocabulary.OUT_OF), _group(vocabulary.THERE)
-_REASONS = _group(vocabulary.REASONS)
-_PREPOSITIONS = {each[-1] for each in (*_INTO, *_ONTO, *_TO, *_OUT_OF)}
-_MODIFIERS = {name: _group(phrases) for name, phrases in vocabulary.MODIFIERS.items()}
-_HANDING = {name: _group(phrases) for name, phrases in vocabulary.HANDING.items()}
-
-
-def without_reason(sentence: Words) -> Words:
-    """Return a sentence without its reasons, such as "so that it can dry" or "to tidy the desk". A reason ends before
-    the next instruction.
-    """
-    for purpose in _purposes():
-        if sentence[-len(purpose) :] == purpose:
-            sentence = sentence[: -len(purpose)]
-    starts = (at for at in range(1, len(sentence)) if longest(at, sentence, _REASONS))
-    # "I want you to get the box open" is polite, and not a reason.
-    start = next((at for at in starts if not any(sentence[: at + 1][-len(each) :] == each for each in _POLITE)), None)
-    if start is None:
-        return sentence
-    end = next((at for at in range(start, len(sentence)) if _begins_instruction(at, sentence)), len(sentence))
-    return (*sentence[:start], *without_reason(sentence[end:]))
-
-
-def _begins_instruction(at: int, sentence: Words) -> bool:
-    """Return whether a connector and a verb come at the word ``at``."""
-    first = at
-    while (length := longest(at, sentence, _CONNECTORS)) > 0:
-        at += length
-    return at > first and at < len(sentence) and sentence[at] in vocabulary.VERBS
-
-
-@cache
-def _purposes() -> tuple[Words, ...]:
-    """Return the purposes in ``words.toml``, such as "to tidy the desk"."""
-    ends = [each.say.removeprefix("{}") for each in words.purposes()]
-    ends += [f"to {end}" for each in words.to_and_fro() if (end := each.sentence.partition(" to ")[2])]
-    return tuple(spelled(each) for each in ends)
+#: Prepositions that join a part to its object, as in "the lid on the box".
+_OF_PART = frozenset(("of", "on", "off", "from", "to"))
+_PLACING = ("into", "onto", "to", "out_of")
+_PREPOSITIONS = {phrase[-1] for name in _PLACING for phrase in PHRASES[name]}
+_NOUNS = Phrases(" ".join(each) for each in vocabulary.nouns())
+_PHRASAL = Phrases(" ".join(each) for each in vocabulary.PHRASAL)

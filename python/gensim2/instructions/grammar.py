@@ -2,25 +2,25 @@
 
 The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the nouns of ``objects/words.toml``. It
 understands articles, adjectives, lists ("the apple and the lemon"), pronouns ("it", "there"), omitted verbs ("turn the
-faucet on and off again"), wishes ("the box must be closed") and reasons ("so that it can dry"). It refuses every
-sentence with a word that it does not know, with a negation, or with a request that no task of the library carries out.
-It never guesses the nearest task.
+faucet on and off again"), wishes ("the box must be closed"), and instructions beside reasons and statements ("shut the
+door, there's a draught"). It refuses every instruction with a word that it does not know or with a negation, and
+requests that no task of the library carries out. It never guesses the nearest task.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, replace
+from functools import partial
 
 from gensim2.instructions import vocabulary
-from gensim2.instructions.clauses import Clause, ClauseParser, Mention, known_objects, known_verbs, without_reason
+from gensim2.instructions.clauses import Clause, ClauseParser, Mention, Statement, known_objects, known_verbs
 from gensim2.instructions.meanings import meaning, possible, solved
 from gensim2.instructions.steps import SUPPORTS, HandOver, Lift, MoveJoint, Put, Refusal, SentenceError, Step
-from gensim2.instructions.vocabulary import Action, Noun, Words, spelled
+from gensim2.instructions.vocabulary import Action, Noun, spelled
 from gensim2.objects import words
 from gensim2.objects.words import Direction, articulated_classes, belongs, handled
-from gensim2.tasks.library import load_task, task_names
 
 _ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}
 """States of an object in which a goal is already met."""
@@ -54,41 +54,18 @@ def parse(sentence: str) -> tuple[Step, ...]:
     spoken = spelled(sentence)
     if not any(word.isalnum() for word in spoken):
         raise SentenceError(Refusal.EMPTY, sentence.strip(), known_verbs())
-    spoken = without_reason(spoken)
-    negation = next((word for word in spoken if word in vocabulary.NEGATIONS), None)
-    if negation is not None:
-        raise SentenceError(Refusal.NEGATION, negation, "say only what to do")
     reading = _Reading()
-    heading, body = _without_heading(spoken)
-    for mention in heading:
-        reading.hear(mention)
-    for clause in ClauseParser(body).clauses():
-        reading.add(clause)
-    return reading.steps()
-
-
-def _without_heading(sentence: Words) -> tuple[list[Mention], Words]:
-    """Split off the heading that some tasks of the library have, as in "look into the box: open and close it". Return
-    the objects that the heading names, and the instructions.
-
-    Raises:
-        SentenceError: the library has no such heading.
-    """
-    if ":" not in sentence:
-        return [], sentence
-    end = sentence.index(":")
-    heading = sentence[:end]
-    if heading not in _headings():
-        raise SentenceError(Refusal.NOT_UNDERSTOOD, " ".join(heading), "leave out the words before the colon")
-    mention = ClauseParser(heading).next_mention()
-    return [mention] if mention is not None else [], sentence[end + 1 :]
-
-
-@cache
-def _headings() -> frozenset[Words]:
-    """Return the headings in the descriptions of the library's tasks."""
-    described = (spelled(load_task(name).description) for name in task_names())
-    return frozenset(each[: each.index(":")] for each in described if ":" in each)
+    statements: list[Statement] = []
+    for each in ClauseParser(spoken).clauses():
+        if isinstance(each, Statement):
+            statements.append(each)
+            reading.hear(each)
+        else:
+            reading.add(each)
+    steps = reading.steps()
+    if not steps:
+        raise SentenceError(Refusal.EMPTY, statements[0].text if statements else "", known_verbs())
+    return steps
 
 
 @dataclass
@@ -110,7 +87,9 @@ class _Reading:
         self._held: list[_Held] = []
         self._put_into: dict[Noun, str] = {}
         self._gripped: tuple[Noun, Clause] | None = None
-        self._restated = False
+        self._before = Clause("", ())
+        self._subject: Mention | None = None
+        self._topic: Statement | None = None
 
     def steps(self) -> tuple[Step, ...]:
         """Return all steps.
@@ -123,14 +102,21 @@ class _Reading:
             return (Lift(held.noun.classes[0]),)
         self._require_empty_hand()
         self._require_use_of_grip([])
-        if not self._steps:
-            raise SentenceError(Refusal.EMPTY, "", known_verbs())
+        if self._topic is not None:
+            raise SentenceError(Refusal.INCOMPLETE, self._topic.text, "say what to do with the object")
         return tuple(self._steps)
 
-    def hear(self, mention: Mention) -> None:
-        """Remember an object, because a later pronoun may refer to it."""
-        if mention.noun is not None:
-            self._heard.append(mention.noun)
+    def hear(self, statement: Statement) -> None:
+        """Remember the objects of a statement, because a later pronoun may refer to them."""
+        nouns = list(dict.fromkeys(each.noun for each in statement.mentions if each.noun is not None))
+        # "The microwave has its door open" is about one object.
+        named = [each for each in nouns if each.name != "door" or not any(_has(noun, "door") for noun in nouns)]
+        self._heard += named
+        if named:
+            self._group = named
+            self._subject = statement.mentions[0]
+        if statement.is_topic:
+            self._topic = statement
 
     def add(self, clause: Clause) -> None:
         """Add the steps of a clause.
@@ -138,6 +124,12 @@ class _Reading:
         Raises:
             SentenceError: the clause cannot be done.
         """
+        clause = self._with_part(clause)
+        if self._topic is not None:
+            goals = (clause.into, clause.onto, clause.to, clause.source)
+            if not any(each is not None and each.pronoun for each in (*clause.objects, *goals)):
+                raise SentenceError(Refusal.INCOMPLETE, self._topic.text, "say what to do with the object")
+            self._topic = None
         for action in clause.actions:
             if action is Action.TAKE and self._grips(clause):
                 continue
@@ -152,7 +144,22 @@ class _Reading:
             else:
                 self._move(clause, action)
             self._require_use_of_grip(self._group)
-        self._restated = clause.restates
+        self._before = clause
+
+    def _with_part(self, clause: Clause) -> Clause:
+        """Return a clause in which "it" stands for the part of an object that a statement is about, if the clause has a
+        meaning for this part: "the lid of the box is up, put it down".
+        """
+        part, self._subject = self._subject, None
+        if part is None or part.noun is None or part.part is None:
+            return clause
+        if [each.pronoun for each in clause.objects] != ["it"]:
+            return clause
+        about = replace(clause, objects=[part])
+        with contextlib.suppress(SentenceError):
+            if all(_can_move(part.noun, part.part, action=each, half=clause.half) for each in about.actions):
+                return about
+        return clause
 
     def _grips(self, clause: Clause) -> bool:
         """Return whether a clause only takes hold of an object that the next clause moves, as in "grab the handle of
@@ -185,7 +192,7 @@ class _Reading:
     def _move(self, clause: Clause, action: Action) -> None:
         """Add the steps that move joints, or that lift rigid objects."""
         objects = list(clause.objects)
-        if action is Action.CLOSE and len(objects) == 1 and objects[0].part in vocabulary.COVERS:
+        if action is Action.CLOSE and len(objects) == 1 and objects[0].part in vocabulary.WORDS["covers"]:
             # "put the lid on the pot" names the object after the preposition
             target = clause.onto
             if target is not None:
@@ -206,7 +213,9 @@ class _Reading:
                 raise self._impossible(clause.text, named)
             if (each.state, step.goal) in _ALREADY:
                 raise SentenceError(Refusal.ORDER, clause.text, f"the {named.name} is {each.state} already")
-            if not ((clause.restates or self._restated) and self._steps and self._steps[-1] == step):
+            # "Fold the flap down and close the box" is one step, but "press it and press it again" are two.
+            restated = clause.restates or self._before.restates or clause.verbs != self._before.verbs
+            if not restated or not self._steps or self._steps[-1] != step:
                 self._steps.append(step)
             moved.append(named)
         self._group = moved

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from gensim2.instructions import vocabulary
-from gensim2.instructions.clauses import ClauseParser, Mention, without_reason
+from gensim2.instructions.clauses import Clause, ClauseParser, Mention
 from gensim2.instructions.steps import MoveJoint
 from gensim2.instructions.vocabulary import Action, spelled
 from gensim2.objects import words
@@ -93,7 +93,7 @@ def _meanings() -> dict[_Key, MoveJoint]:
             sentence = _sentence(asset_class, goal)
             if sentence is None:
                 continue
-            (clause,) = ClauseParser(without_reason(spelled(sentence))).clauses()
+            (clause,) = (each for each in ClauseParser(spelled(sentence)).clauses() if isinstance(each, Clause))
             (action,) = clause.actions
             mention = clause.onto if clause.onto is not None else clause.objects[0]
             assert mention.noun is not None, sentence
