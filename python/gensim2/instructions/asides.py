@@ -11,7 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gensim2.instructions.steps import Refusal, SentenceError
-from gensim2.instructions.vocabulary import GERUNDS, PARTICIPLES, PHRASES, VERBS, WORDS, Words, parts, statement_verbs
+from gensim2.instructions.vocabulary import (
+    GERUNDS,
+    PARTICIPLES,
+    PHRASES,
+    STATES,
+    VERBS,
+    WORDS,
+    Words,
+    parts,
+    statement_verbs,
+)
 
 _STRONG = frozenset(".!?;:")
 _STOPS = _STRONG | {","}
@@ -54,7 +64,14 @@ class Asides:
         if self._asks_for_care(at):
             return self._closing(at, at)
         length = PHRASES["lets"].length(at, self.words)
-        if length and self._word(at + length) in statement_verbs().base | {"in", "out", "through"}:
+        if length and self._word(at + length) in statement_verbs().base | {
+            "in",
+            "out",
+            "through",
+            "get",
+            "have",
+            "take",
+        }:
             return self._closing(at, at + length)
         if self._word(at) == "let" and self._stop(at) > at + 2 and self._word(self._stop(at) - 1) in ("in", "out"):
             return at if any(self.names(n) for n in range(at, self._stop(at))) else self._stop(at)
@@ -105,6 +122,8 @@ class Asides:
         """Return whether a purpose begins, such as "to see the cake"."""
         verb = self._word(at + 1)
         own = verb in ("get", "take", "let", "make", "have", "keep", "start", "put", "grab", "fetch")
+        if self._word(at) == "time":
+            return self._is_purpose(at + 1)
         if self._word(at) != "to" or (verb not in statement_verbs().base and not own):
             return False
         return self._word(at + 2) not in _STOPS | {""} or verb not in VERBS
@@ -134,7 +153,8 @@ class Asides:
                 return verb
             if first == "you" and word in ("left", "forgot", "know", "see", "put", "opened", "closed"):
                 return verb
-        if first in WORDS["determiners_of_statements"] or first.isdigit():
+        indefinite = first.endswith(("thing", "body", "one"))
+        if first in WORDS["determiners_of_statements"] or first.isdigit() or indefinite:
             return next((n for n in range(at + 2, min(at + 8, stop)) if self._is_finite(n) or self._is_plural(n)), None)
         if first in verbs.base and self._word(at + 1) in ("is", "was", "keeps", "gets", "goes", "comes", "has"):
             return at + 1
@@ -148,14 +168,19 @@ class Asides:
     def _is_plural(self, at: int) -> bool:
         """Return whether a verb in base form comes behind a noun in the plural, as in "the plants need"."""
         before = self._word(at - 1)
-        return (before.endswith("s") or before in ("people", "children")) and self._word(at) in statement_verbs().base
+        return (before.endswith("s") or before in ("people", "children")) and (
+            self._word(at) in statement_verbs().base or self._word(at) in VERBS
+        )
 
     def _is_finite(self, at: int) -> bool:
         word = self._word(at)
         if word == "'s":
             behind = self._word(at + 1)
             described = behind in WORDS["auxiliaries"] | WORDS["adverbs"] | WORDS["fragments"] | WORDS["continues"]
-            described |= behind in WORDS["determiners_of_statements"] or behind.endswith(("ing", "ed"))
+            described |= (
+                behind in WORDS["determiners_of_statements"] or behind.endswith(("ing", "ed")) or behind in STATES
+            )
+            described |= at + 2 == self._stop(at) and behind not in parts()
             pronoun = self._word(at - 1) in WORDS["pronouns"]
             return (described or pronoun) and not self.names(at + 1)
         return word in WORDS["auxiliaries"] or word in statement_verbs().finite
@@ -222,11 +247,16 @@ class Asides:
         words = self.words[at:stop]
         if at and self.words[at - 1] not in _STOPS:
             return False
+        if words[-1:] == ("time",) and stop - at <= 3 and not any(word in VERBS for word in words):
+            return True
         if self._word(at) not in WORDS["fragments"] or stop - at > 6 or words in (("no",), ("not",), ("no", "more")):
             return False
         return not any(
             word in VERBS or (word in statement_verbs().base and n > at) for n, word in enumerate(words, at)
-        ) and not any(self.names(n) for n in range(at, stop))
+        ) and (
+            self._word(at) in ("nothing", "done", "finished", "ready")
+            or not any(self.names(n) for n in range(at, stop))
+        )
 
     def _closing(self, start: int, at: int) -> int:
         """Return the end of an aside: the next punctuation mark or conjunction behind which something new begins.

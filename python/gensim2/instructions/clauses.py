@@ -37,6 +37,13 @@ class Mention:
     state: str | None = None
 
 
+def _is_doors_handle(mention: Mention) -> bool:
+    """Return whether a mention names the handle of a door or of a drawer."""
+    if mention.part != "handle" or mention.noun is None:
+        return False
+    return mention.noun.name in ("door", "drawer") or vocabulary.own_part(mention.noun, "door") is not None
+
+
 THERE = Mention("there", pronoun="there")
 
 
@@ -93,6 +100,8 @@ class Clause:
             raise SentenceError(Refusal.NOT_UNDERSTOOD, self.text, f"{verb!r} does not go with the other words")
         if found is Action.TAKE and not modifiers and verb in WORDS["grasps"] and (verb != "take" or self.gripped):
             return found
+        if found is Action.PULL and all(_is_doors_handle(each) for each in self.objects):
+            return Action.OPEN
         if parts & WORDS["covers"]:
             return vocabulary.OF_COVER.get(found, found)
         if parts & WORDS["pressed"]:
@@ -324,6 +333,8 @@ class ClauseParser:
     def _own_part(self, noun: Noun) -> str | None:
         """Read a part that follows its object, as in "the microwave door"."""
         part = vocabulary.own_part(noun, self._word())
+        if part is None and self._word() == "handle" and not noun.rigid:
+            part = "handle"
         self._at += part is not None
         return part
 
@@ -639,7 +650,8 @@ class ClauseParser:
         start = self._at
         if self._comes_longest(PHRASES["results_ends"]):
             return True
-        if self._comes_longest(PHRASES["results"]):
+        if self._comes_longest(PHRASES["results"]) and self.mention(_OF_PART) is not None:
+            self._comes_longest(PHRASES["results_links"])
             self._skip(PHRASES["neutral"])
             word = self._word()
             verb = vocabulary.PARTICIPLES.get(word, word.removesuffix("s"))

@@ -86,7 +86,7 @@ class _Reading:
         self._group: list[Noun] = []
         self._held: list[_Held] = []
         self._put_into: dict[Noun, str] = {}
-        self._gripped: tuple[Noun, Clause] | None = None
+        self._gripped: tuple[Noun | None, Clause] | None = None
         self._before = Clause("", ())
         self._subject: Mention | None = None
         self._topic: Statement | None = None
@@ -126,8 +126,9 @@ class _Reading:
         """
         clause = self._with_part(clause)
         if self._topic is not None:
-            goals = (clause.into, clause.onto, clause.to, clause.source)
-            if not any(each is not None and each.pronoun for each in (*clause.objects, *goals)):
+            named = (*clause.objects, clause.into, clause.onto, clause.to, clause.source)
+            (topic,) = (each.noun for each in self._topic.mentions)
+            if not any(each is not None and _refers(each, topic) for each in named):
                 raise SentenceError(Refusal.INCOMPLETE, self._topic.text, "say what to do with the object")
             self._topic = None
         for action in clause.actions:
@@ -166,7 +167,13 @@ class _Reading:
         the bucket and lift it".
         """
         (mention,) = clause.objects if len(clause.objects) == 1 else (None,)
-        if mention is None or mention.noun is None or mention.noun.rigid or clause.modifiers or clause.source:
+        if mention is None or clause.modifiers or clause.source:
+            return False
+        if mention.noun is None and mention.part is not None and not _owners_are_one(mention.part):
+            self._require_use_of_grip([])
+            self._gripped = None, clause
+            return True
+        if mention.noun is None or mention.noun.rigid:
             return False
         if mention.part is None and not clause.gripped:
             return False
@@ -180,7 +187,7 @@ class _Reading:
         Raises:
             SentenceError: the hand took hold of another object.
         """
-        if self._gripped is not None and self._gripped[0] not in moved:
+        if self._gripped is not None and (self._gripped[0] or next(iter(moved), None)) not in moved:
             raise SentenceError(Refusal.INCOMPLETE, self._gripped[1].text, "say what to do with the object")
         self._gripped = None
 
@@ -406,7 +413,9 @@ class _Reading:
 
 def _move_of(noun: Noun, part: str | None, action: Action, half: bool) -> MoveJoint | None:
     """Return what an action does to an object of a noun, or to a part of it."""
-    return meaning(Mention(noun.name, noun, part), action, half)
+    # "Pull the handle of the microwave" names a handle of its door.
+    own = None if part == "handle" and action is Action.OPEN and _has(noun, "door") else part
+    return meaning(Mention(noun.name, noun, own), action, half)
 
 
 def _can_move(noun: Noun, part: str | None = None, *, action: Action, half: bool) -> bool:
@@ -429,6 +438,17 @@ def _noun_of(asset_class: str) -> Noun:
 
 def _has(noun: Noun, part: str) -> bool:
     return any(part in words.parts(each) for each in noun.classes)
+
+
+def _refers(mention: Mention, topic: Noun | None) -> bool:
+    """Return whether a mention refers to an object that was named before: a pronoun, or a part of the object."""
+    if mention.noun is not None and mention.noun.name == "door":
+        return topic is not None and _has(topic, "door")
+    return mention.noun in (None, topic)
+
+
+def _owners_are_one(part: str) -> bool:
+    return len(_owners(part)) == 1
 
 
 def _owners(part: str) -> list[Noun]:
