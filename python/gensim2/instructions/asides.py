@@ -19,6 +19,7 @@ from gensim2.instructions.vocabulary import (
     VERBS,
     WORDS,
     Words,
+    named_noun,
     parts,
     statement_verbs,
 )
@@ -39,12 +40,10 @@ class Asides:
     Args:
         words: the sentence.
         asks: whether an instruction that the parser understands begins at a word.
-        names: whether the name of an articulated object begins at a word.
     """
 
     words: Words
     asks: Callable[[int], bool]
-    names: Callable[[int], bool]
 
     def end(self, at: int, *, follows: bool) -> int:
         """Return the end of the aside that begins at word ``at``; ``at`` if none begins there.
@@ -74,7 +73,7 @@ class Asides:
         }:
             return self._closing(at, at + length)
         if self._word(at) == "let" and self._stop(at) > at + 2 and self._word(self._stop(at) - 1) in ("in", "out"):
-            return at if any(self.names(n) for n in range(at, self._stop(at))) else self._stop(at)
+            return at if any(self._names(n) for n in range(at, self._stop(at))) else self._stop(at)
         if (length := PHRASES["reasons"].length(at, self.words)) > 0 or self._is_purpose(at):
             return self._closing(at, at + length) if not self._orders_in_time(at) else at
         length = PHRASES["reasons_of_statement"].length(at, self.words)
@@ -89,6 +88,11 @@ class Asides:
         if self._is_question(at) or self._is_fragment(at):
             return self._closing(at, at)
         return at
+
+    def _names(self, at: int) -> bool:
+        """Return whether the name of an articulated object begins at a word."""
+        noun, _ = named_noun(at, self.words)
+        return noun is not None and not noun.rigid
 
     def _word(self, at: int) -> str:
         return self.words[at] if 0 <= at < len(self.words) else ""
@@ -134,7 +138,7 @@ class Asides:
             return False
         rest = self.words[at + 1 : self._stop(at)]
         asked = rest[:1] in (("you",), ("opening",), ("closing",)) or any(word in GERUNDS for word in rest[:1])
-        return asked and any(self.names(n) for n in range(at, self._stop(at)))
+        return asked and any(self._names(n) for n in range(at, self._stop(at)))
 
     def _finite(self, at: int) -> int | None:
         """Return the index of the finite verb of a statement that begins at ``at``; None if no statement begins."""
@@ -155,7 +159,13 @@ class Asides:
                 return verb
         indefinite = first.endswith(("thing", "body", "one"))
         if first in WORDS["determiners_of_statements"] or first.isdigit() or indefinite:
-            return next((n for n in range(at + 2, min(at + 8, stop)) if self._is_finite(n) or self._is_plural(n)), None)
+            n = at + 1
+            while n < min(at + 8, stop):
+                if n > at + 1 and (self._is_finite(n) or self._is_plural(n)):
+                    return n
+                # The last word of "trash can" is not a verb.
+                n += max(named_noun(n, self.words)[1], 1)
+            return None
         if first in verbs.base and self._word(at + 1) in ("is", "was", "keeps", "gets", "goes", "comes", "has"):
             return at + 1
         if first in VERBS or first in verbs.base or any(first in WORDS[each] for each in _NO_SUBJECTS):
@@ -182,12 +192,13 @@ class Asides:
             )
             described |= at + 2 == self._stop(at) and behind not in parts()
             pronoun = self._word(at - 1) in WORDS["pronouns"]
-            return (described or pronoun) and not self.names(at + 1)
-        return word in WORDS["auxiliaries"] or word in statement_verbs().finite
+            return (described or pronoun) and not self._names(at + 1)
+        # "Put" is rather an instruction than a past tense.
+        return word in WORDS["auxiliaries"] or (word in statement_verbs().finite and word not in VERBS)
 
     def _demands(self, at: int, end: int, finite: int) -> bool:
         """Return whether a statement asks for something to be done with an object that the robot can move."""
-        words, named = self.words[at:end], [n for n in range(at, end) if self.names(n)]
+        words, named = self.words[at:end], [n for n in range(at, end) if self._names(n)]
         about = bool(named) or any(word in parts() for word in words)
         subject = self.words[at]
         concerns = subject in ("it", "they", "you", "this", "that", "these", "those") or any(n < finite for n in named)
@@ -255,7 +266,7 @@ class Asides:
             word in VERBS or (word in statement_verbs().base and n > at) for n, word in enumerate(words, at)
         ) and (
             self._word(at) in ("nothing", "done", "finished", "ready")
-            or not any(self.names(n) for n in range(at, stop))
+            or not any(self._names(n) for n in range(at, stop))
         )
 
     def _closing(self, start: int, at: int) -> int:
@@ -308,5 +319,5 @@ class Asides:
         if word in WORDS["continues"]:
             return True
         if word in WORDS["determiners_of_statements"]:
-            return self._finite(at) is None and not self.names(at)
+            return self._finite(at) is None and not self._names(at)
         return False

@@ -134,7 +134,7 @@ class ClauseParser:
 
     def __init__(self, sentence: Words) -> None:
         self._words, self._at = sentence, 0
-        self._asides = Asides(sentence, self._asks, self._names)
+        self._asides = Asides(sentence, self._asks)
 
     def clauses(self) -> list[Clause | Statement]:
         """Return the clauses and statements in the order of the sentence.
@@ -244,11 +244,6 @@ class ClauseParser:
         """Return whether a phrase such as "make sure that" begins at the current word."""
         return PHRASES["wishes"].length(self._at, self._words) > 0
 
-    def _names(self, at: int) -> bool:
-        """Return whether the name of an articulated object begins at a word."""
-        length = _NOUNS.length(at, self._words)
-        return length > 0 and not vocabulary.nouns()[self._words[at : at + length]].rigid
-
     def _statement(self, start: int, end: int) -> Statement:
         """Return the statement up to the word ``end``, and move there."""
         inner = ClauseParser(self._words[start:end])
@@ -296,8 +291,8 @@ class ClauseParser:
         while self._word() in WORDS["determiners"]:
             self._at += 1
         while True:
-            if (length := _NOUNS.length(self._at, self._words)) > 0:
-                noun = vocabulary.nouns()[self._words[self._at : self._at + length]]
+            noun, length = vocabulary.named_noun(self._at, self._words)
+            if noun is not None:
                 # "door" is a noun, and a part of other objects
                 is_part = self._words[self._at] in vocabulary.parts() and self._joins(self._at + 1, attach)
                 if not is_part:
@@ -497,11 +492,10 @@ class ClauseParser:
         start, verb = self._at, last.verbs[-1]
         modifier = self._modifier()
         self._skip(PHRASES["neutral"])
-        if (
-            modifier is not None
-            and modifier != "half"
-            and (self._ends() or self._asides.end(self._at, follows=True) > self._at)
-        ):
+        ends = self._ends()
+        if not ends and self._word() not in WORDS["determiners"]:
+            ends = self._asides.end(self._at, follows=True) > self._at
+        if modifier is not None and modifier != "half" and ends:
             return Clause(self._text(start), (verb,), [modifier], objects=list(last.objects), restates=True)
         self._at = start
         if self._word() in vocabulary.VERBS and self._phrase(start) is None:
@@ -745,5 +739,4 @@ def known_objects() -> str:
 _OF_PART = frozenset(("of", "on", "off", "from", "to"))
 _PLACING = ("into", "onto", "to", "out_of")
 _PREPOSITIONS = {phrase[-1] for name in _PLACING for phrase in PHRASES[name]}
-_NOUNS = Phrases(" ".join(each) for each in vocabulary.nouns())
 _PHRASAL = Phrases(" ".join(each) for each in vocabulary.PHRASAL)

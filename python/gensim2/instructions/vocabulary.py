@@ -236,6 +236,18 @@ def nouns() -> dict[Words, Noun]:
     return found
 
 
+@cache
+def noun_phrases() -> Phrases:
+    """Return all spellings of nouns as phrases."""
+    return Phrases(" ".join(each) for each in nouns())
+
+
+def named_noun(at: int, sentence: Words) -> tuple[Noun | None, int]:
+    """Return the noun that begins at word ``at`` of a sentence, and its number of words."""
+    length = noun_phrases().length(at, sentence)
+    return (nouns()[sentence[at : at + length]] if length else None), length
+
+
 def _spellings(name: str, classes: Iterable[str]) -> Iterable[str]:
     """Return all spellings of a noun: "box of sugar" is also "sugar box", and a class name is a spelling, too."""
     yield name
