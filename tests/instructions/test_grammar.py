@@ -284,6 +284,67 @@ def test_no_two_nouns_share_a_spelling() -> None:
     )
 
 
+@pytest.mark.parametrize(("half", "understood"), [("development", 127), ("held_out", 120)])
+def test_sentences_of_ten_people_are_understood_as_meant_or_refused(half: str, understood: int) -> None:
+    written = yaml.safe_load(Path(__file__).with_name(f"ten_people_{half}.yaml").read_text())
+    count = 0
+    for meant, others in written["paraphrases"].items():
+        for other in others:
+            with contextlib.suppress(SentenceError):
+                assert parse(other) == parse(meant), other
+                count += 1
+    assert count == understood  # of 129, as docs/results/instructions.md says
+    for sentence in written["refused"]:
+        refused(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "shut the box, there's a draught",
+        "the cat keeps getting into the box, so close it",
+        "Why is the box still open? Close it!",
+        "I've taken out what I needed; close the box back up",
+        "no one is using the box, close it",
+        "if you get a chance, could you close the box?",
+        "close the box, but don't slam it",
+        "don't leave the box open",
+        "I'd like the lid of the box down",
+        "could you see to it that the box is closed?",
+        "make sure the box isn't left open",
+        "the lid of the box is up, put it down",
+        "the box, please, shut it",
+        "keep the moths out by closing the box",
+        "give the lid of the box a push until it is shut",
+    ],
+)
+def test_an_instruction_beside_other_clauses_is_understood(sentence: str) -> None:
+    assert parse(sentence) == parse("close the box")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "reason"),
+    [
+        ("the drawer should be painted, and close the box", Refusal.UNKNOWN_VERB),
+        ("I want the drawer painted and the box closed", Refusal.UNKNOWN_VERB),
+        ("it's hot and turn on the fan, close the box", Refusal.UNKNOWN_OBJECT),
+        ("because it is late, call a taxi and close the box", Refusal.UNKNOWN_VERB),
+        ("close the box, dry the dishes", Refusal.UNKNOWN_VERB),
+        ("before closing the box, open the drawer", Refusal.UNKNOWN_VERB),
+        ("open the box so that I can reach in and close it", Refusal.AMBIGUOUS),
+        ("close the box, I don't want you to close the drawer", Refusal.NEGATION),
+        ("the laptop is next to the box, close it", Refusal.AMBIGUOUS),
+        ("the box is closed, so close it", Refusal.ORDER),
+        ("the box, open the drawer", Refusal.INCOMPLETE),
+        ("is the box open?", Refusal.EMPTY),
+        ("the box was closed yesterday", Refusal.EMPTY),
+        ("close the box when I say so", Refusal.NOT_UNDERSTOOD),
+    ],
+)
+def test_a_further_demand_or_a_statement_alone_is_refused(sentence: str, reason: Refusal) -> None:
+    assert refused(sentence).reason == reason
+
+
 def test_sentences_of_other_people_are_understood_as_meant_or_refused() -> None:
     told = yaml.safe_load(Path(__file__).with_name("other_people.yaml").read_text())
     known = {parse(sentence): sentence for sentence in told["paraphrases"]}

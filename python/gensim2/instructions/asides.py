@@ -28,7 +28,12 @@ _STRONG = frozenset(".!?;:")
 _STOPS = _STRONG | {","}
 _OBLIGATIONS = frozenset(("must", "should", "ought", "shall", "better"))
 _WISHES = frozenset(("want", "wants", "need", "needs", "like", "love", "prefer", "wish", "require", "requires"))
-_MODALS = frozenset(("can", "could", "may", "might", "will", "would", "to"))
+#: Words that can follow the object of a wish such as "I need the box for my books".
+_BEHIND_NAME = frozenset(
+    ("to", "for", "because", "now", "today", "too", "please", "so", "and", "in", "on", "from", "back")
+)
+#: First words of fragments that may name an object, as in "done with the box".
+_ABOUT_OBJECTS = frozenset(("no", "enough", "plenty", "done", "finished", "ready"))
 _NO_SUBJECTS = ("auxiliaries", "negations", "function", "continues")
 _POSSIBLE = frozenset(("can", "could", "may", "might", "to", "will", "would", "must", "shall", "should"))
 
@@ -60,8 +65,9 @@ class Asides:
         polite = self._polite(at)
         if polite > at:
             return polite
-        if self._asks_for_care(at):
-            return self._closing(at, at)
+        cared = at + (self._word(at) in ("but", "and"))
+        if self._asks_for_care(cared):
+            return self._closing(at, cared)
         length = PHRASES["lets"].length(at, self.words)
         if length and self._word(at + length) in statement_verbs().base | {
             "in",
@@ -85,7 +91,9 @@ class Asides:
         if finite is not None:
             closing = self._closing(at, at)
             return at if self._demands(at, closing, finite) else closing
-        if self._is_question(at) or self._is_fragment(at):
+        if self._is_question(at):
+            return next(n for n in range(at, len(self.words)) if self.words[n] in _STRONG)
+        if self._is_fragment(at) or self.words[at : at + 2] in (("what", "a"), ("what", "an")):
             return self._closing(at, at)
         return at
 
@@ -212,6 +220,8 @@ class Asides:
         if concerns and verb in _POSSIBLE and behind[:1] == ("be",) and any(word in PARTICIPLES for word in behind):
             return True
         for n in range(finite, end):
+            if self.words[n] in _WISHES and self._word(n + 1) == "you":
+                return True
             if self.words[n] in _WISHES and about and self._word(n + 1) != "to":
                 wanted = [m for m in named if m > n]
                 if wanted and not self._ends_with_name(wanted[-1], end):
@@ -240,14 +250,16 @@ class Asides:
 
     def _ends_with_name(self, at: int, end: int) -> bool:
         """Return whether a statement ends with the name that begins at ``at``, or with a reason behind it."""
-        return all(word not in PARTICIPLES for word in self.words[at:end])
+        behind = at + named_noun(at, self.words)[1]
+        behind += self._word(behind) in parts()
+        return behind == end or self._word(behind) in _BEHIND_NAME
 
     def _is_question(self, at: int) -> bool:
         """Return whether a question about a state begins, such as "why is the box open?" or "is it late?"."""
         stop = next((n for n in range(at, len(self.words)) if self.words[n] in _STRONG), len(self.words))
         word = self._word(at)
-        if word == "what" and self._word(at + 1) in ("a", "an"):
-            return True
+        if word == "how" and self._word(at + 1) in ("about", "come"):
+            return False
         asked = word in ("why", "who", "what", "where", "how", "when", "which")
         asked |= word in ("is", "are", "was", "were", "has", "have", "had", "did", "does", "am")
         return asked and self._word(stop) == "?"
@@ -262,12 +274,14 @@ class Asides:
             return True
         if self._word(at) not in WORDS["fragments"] or stop - at > 6 or words in (("no",), ("not",), ("no", "more")):
             return False
-        return not any(
-            word in VERBS or (word in statement_verbs().base and n > at) for n, word in enumerate(words, at)
-        ) and (
-            self._word(at) in ("nothing", "done", "finished", "ready")
-            or not any(self._names(n) for n in range(at, stop))
-        )
+        verbs = statement_verbs().base
+        if self._word(at) in verbs and self._word(at + 1) in WORDS["determiners_of_statements"] | WORDS["pronouns"]:
+            return False
+        if self._word(at) == "nothing":
+            return True
+        if any(word in VERBS for word in words) or any(word in verbs for word in words[1:]):
+            return False
+        return self._word(at) in _ABOUT_OBJECTS or not any(self._names(n) for n in range(at, stop))
 
     def _closing(self, start: int, at: int) -> int:
         """Return the end of an aside: the next punctuation mark or conjunction behind which something new begins.

@@ -115,13 +115,14 @@ class Statement:
 
     Attributes:
         text: the part as the user wrote it.
-        mentions: noun phrases with a known noun. The first one has a state if the statement says that it is open or
-            closed.
+        mentions: noun phrases with a known noun.
+        state: ``"open"`` or ``"closed"`` if the statement says that something is open or closed.
         is_topic: whether the part only names an object, to which the next clause must refer.
     """
 
     text: str
     mentions: tuple[Mention, ...]
+    state: str | None = None
     is_topic: bool = False
 
 
@@ -250,8 +251,10 @@ class ClauseParser:
         mentions: list[Mention] = []
         while (mention := inner.next_mention()) is not None:
             mentions.append(mention)
+        said = [word for word in self._words[start:end] if word not in WORDS["adverbs"] or word == "not"]
+        is_state = len(said) > 2 and said[-2] in ("is", "are", "'s")
         self._at = end
-        return Statement(self._text(start), tuple(mentions))
+        return Statement(self._text(start), tuple(mentions), vocabulary.STATES.get(said[-1]) if is_state else None)
 
     def next_mention(self) -> Mention | None:
         """Return the next noun phrase with a known noun, and skip the words before it; None if there is no other."""
@@ -411,6 +414,7 @@ class ClauseParser:
         self._skip(PHRASES["neutral"])
         left = self._comes_longest(PHRASES["unwanted_after"])
         obliged = {"should", "must", "shall", "may", "can", "need", "ought"} & {*self._words[start : self._at]}
+        needs_left |= before and self._words[start : start + 3] == ("do", "not", "let") and self._word() == "open"
         if (needs_left and not left) or not (before or wishes or obliged):
             return None
         modifier = self._modifier()

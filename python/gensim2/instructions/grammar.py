@@ -90,6 +90,7 @@ class _Reading:
         self._before = Clause("", ())
         self._subject: Mention | None = None
         self._topic: Statement | None = None
+        self._stated: dict[Noun, str] = {}
 
     def steps(self) -> tuple[Step, ...]:
         """Return all steps.
@@ -115,6 +116,8 @@ class _Reading:
         if named:
             self._group = named
             self._subject = statement.mentions[0]
+        if len(named) == 1 and (state := statement.state) is not None:
+            self._stated[named[0]] = state
         if statement.is_topic:
             self._topic = statement
 
@@ -218,8 +221,10 @@ class _Reading:
             step = _move_of(named, each.part, action, clause.half)
             if step is None or step not in solved():
                 raise self._impossible(clause.text, named)
-            if (each.state, step.goal) in _ALREADY:
-                raise SentenceError(Refusal.ORDER, clause.text, f"the {named.name} is {each.state} already")
+            state = each.state or self._stated.get(named)
+            if (state, step.goal) in _ALREADY:
+                raise SentenceError(Refusal.ORDER, clause.text, f"the {named.name} is {state} already")
+            self._stated.pop(named, None)
             # "Fold the flap down and close the box" is one step, but "press it and press it again" are two.
             restated = clause.restates or self._before.restates or clause.verbs != self._before.verbs
             if not restated or not self._steps or self._steps[-1] != step:
