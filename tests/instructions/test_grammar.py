@@ -284,7 +284,7 @@ def test_no_two_nouns_share_a_spelling() -> None:
     )
 
 
-@pytest.mark.parametrize(("half", "understood"), [("development", 127), ("held_out", 120)])
+@pytest.mark.parametrize(("half", "understood"), [("development", 127), ("held_out", 121)])
 def test_sentences_of_ten_people_are_understood_as_meant_or_refused(half: str, understood: int) -> None:
     written = yaml.safe_load(Path(__file__).with_name(f"ten_people_{half}.yaml").read_text())
     count = 0
@@ -337,6 +337,8 @@ def test_an_instruction_beside_other_clauses_is_understood(sentence: str) -> Non
         ("the box is closed, so close it", Refusal.ORDER),
         ("the box, open the drawer", Refusal.INCOMPLETE),
         ("is the box open?", Refusal.EMPTY),
+        ("fridge open?", Refusal.UNKNOWN_VERB),
+        ("shut the computer down", Refusal.NOT_UNDERSTOOD),
         ("the box was closed yesterday", Refusal.EMPTY),
         ("close the box when I say so", Refusal.NOT_UNDERSTOOD),
     ],
@@ -354,7 +356,10 @@ def test_sentences_of_other_people_are_understood_as_meant_or_refused() -> None:
             with contextlib.suppress(SentenceError):
                 assert known[parse(other)] == sentence
                 understood += 1
-    assert understood == 26  # of 48, as docs/results/instructions.md says
+    assert understood == 42  # of 48, as docs/results/instructions.md says
+    acted = 0
     for sentence in told["unrelated"]:
         with contextlib.suppress(SentenceError):
             assert parse(sentence) not in known, sentence
+            acted += 1
+    assert acted == 1  # of 40

@@ -469,6 +469,9 @@ class ClauseParser:
 
     def _telegraphic(self, wanted: Mention) -> Clause | None:
         """Read a state directly behind an object, as in "lid down"."""
+        marks = (word for word in self._words[self._at :] if word in (".", "!", "?", ";", ":"))
+        if next(marks, "") == "?" and "please" not in self._words:
+            return None
         clause = Clause("", ("have",), objects=[wanted])
         at = self._at
         self._comes(",")
