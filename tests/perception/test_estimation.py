@@ -192,7 +192,7 @@ def test_looks_follow_from_the_seed() -> None:
 
 
 def test_training_takes_no_object_that_evaluations_draw() -> None:
-    found = training_instances(LIBRARY, CLASSES, 20, 0)
+    found = training_instances(LIBRARY, dict.fromkeys(CLASSES, 20), 0)
     for name, ids in found.items():
         assert len(ids) == 20
         assert not set(ids) & {*LIBRARY.choose(name, "all"), *LIBRARY.choose(name, "new")}
@@ -207,7 +207,7 @@ def test_of_a_folder_of_objects_the_training_split_is_learned() -> None:
             return {"train": ("a", "b", "c"), "all": ("a", "b", "c", "d")}[which]
 
     library: Any = Folder()
-    assert training_instances(library, ["door"], 2, 0) == {"door": ("a", "b")}
+    assert training_instances(library, {"door": 2}, 0) == {"door": ("a", "b")}
 
 
 def test_class_constants_refuse_an_unknown_class() -> None:

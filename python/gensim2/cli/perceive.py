@@ -10,6 +10,7 @@ import click
 from gensim2.cli.options import command
 from gensim2.cli.output import line, table
 from gensim2.cli.typed import Count, Folder, Name, Option
+from gensim2.core.errors import InputError
 from gensim2.core.progress import Progress
 
 Classes = Annotated[tuple[str, ...], Option("--class", "NAME")]
@@ -64,6 +65,7 @@ def train(
     classes: Classes = (),
     assets: Annotated[str, Option(metavar="DIR|builtin")] = "builtin",
     objects: Count = 60,
+    objects_of: Annotated[tuple[str, ...], Option("--objects-of", "CLASS=COUNT")] = (),
     looks: Count = 12,
     steps: Count = 4000,
     batch: Count = 24,
@@ -82,6 +84,8 @@ def train(
         classes: Class to learn; can be repeated.  [default: all articulated classes of --assets]
         assets: Folder of training objects, or 'builtin' for generated objects that no evaluation uses.
         objects: Number of training objects of each class.
+        objects_of: Number of training objects of one class, instead of --objects; can be repeated. Training uses a
+            class with more point clouds more often.
         looks: Number of point clouds of each object.
         steps: Number of gradient steps.
         batch: Number of point clouds in a step.
@@ -95,6 +99,7 @@ def train(
         assets=assets,
         robot_name=robot,
         objects=objects,
+        objects_of=_counts(objects_of),
         looks=looks,
         steps=steps,
         batch=batch,
@@ -102,6 +107,22 @@ def train(
         progress=progress,
         **given,
     )
+
+
+def _counts(given: tuple[str, ...]) -> dict[str, int]:
+    """Read the values of ``--objects-of``, and return the number of objects by class.
+
+    Raises:
+        InputError: a value is not CLASS=COUNT with a positive count.
+    """
+    found: dict[str, int] = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        if not number.isdecimal() or int(number) == 0:
+            remedy = "give CLASS=COUNT, for example drawer=120"
+            raise InputError(f"{text!r} does not contain a class and a positive count", field="--objects-of", remedy=remedy)
+        found[name] = int(number)
+    return found
 
 
 @command("assets", "robot", "seed", show=_show_measure)

@@ -48,6 +48,8 @@ CONCENTRATED = 0.6
 """Minimum concentration of the upright normals (0 to 1) for an object to count as a box."""
 MOST_REFINED = 0.2
 """Maximum correction of the yaw that upright surfaces may cause, rad."""
+MOST_TURNED = 0.35
+"""Maximum correction of a revolute joint's value that the surfaces of the moving part may cause, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +100,7 @@ class ObjectEstimate:
         keypoint_deviations: standard deviation of the distance from each estimated keypoint to the true one, m.
         size: (3,) extent along the world's axes in the default placement, m.
         object_axis: axis of the object frame that "rotate" motions turn about.
+        moving_keypoints: names of the keypoints on the moving link.
     """
 
     asset_class: str
@@ -112,6 +115,7 @@ class ObjectEstimate:
     keypoint_deviations: Mapping[str, float]
     size: Array
     object_axis: Literal["x", "y", "z"]
+    moving_keypoints: tuple[str, ...] = ()
 
     def at(self, openness: float, deviation: float) -> ObjectEstimate:
         """Return the estimate with a new openness and a new standard deviation of the openness. The object frame
@@ -282,6 +286,10 @@ class SceneEstimator:
         lower, upper = map(float, np.sort(found["limits"]))
         upper = max(upper, lower + 1e-3)
         openness = float(np.clip(found["openness"], 0.0, 1.0))
+        if self.refine and kind.joint_type == "revolute":
+            value = lower + openness * (upper - lower)
+            value = squared_value(more[rows[moving], :3], hypotheses[0][0], yaw, value)
+            openness = float(np.clip((value - lower) / (upper - lower), 0.0, 1.0))
         joint = JointEstimate(
             type=kind.joint_type,
             axis=hypotheses[0][0],
@@ -312,6 +320,7 @@ class SceneEstimator:
             },
             size=found["size"],
             object_axis=kind.object_axis,
+            moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),
         )
 
 
@@ -328,11 +337,38 @@ def squared_yaw(normals: Points, yaw: float) -> float:
         yaw: estimated yaw in this frame, rad.
     """
     upright = normals[np.abs(normals[:, 2]) < LEVEL]
-    if len(upright) < LEAST_POINTS:
-        return yaw
-    mean = np.exp(4j * np.arctan2(upright[:, 1], upright[:, 0])).mean()
+    return _squared(np.arctan2(upright[:, 1], upright[:, 0]), yaw, MOST_REFINED)
+
+
+def squared_value(normals: Points, axis: Array, yaw: float, value: float) -> float:
+    """Return the value (rad) of a revolute joint, computed from the normals of a box-shaped moving part such as a door
+    or a lid. If the normals do not fit a box, return ``value``.
+
+    If such a joint is at zero, the faces of the moving part are parallel to the faces of the object. Therefore the angle
+    of a face about the axis, measured from a face of the object, is the joint value plus a multiple of 90 degrees.
+
+    Args:
+        normals: (M, 3) unit normals of the moving part with either sign, in a frame with a vertical z axis.
+        axis: (3,) unit direction of the joint axis in this frame; one of the axes of the object's faces.
+        yaw: yaw of the object in this frame, rad.
+        value: estimated joint value, rad.
+    """
+    across = normals[np.abs(normals @ axis) < LEVEL]
+    front = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    first = front if abs(front @ axis) < LEVEL else np.array([0.0, 0.0, 1.0])
+    return _squared(np.arctan2(across @ np.cross(axis, first), across @ first), value, MOST_TURNED)
+
+
+def _squared(angles: Array, angle: float, most: float) -> float:
+    """Return the angle (rad) nearest to ``angle`` that differs from the angles (M,) of faces by a multiple of 90
+    degrees. Return ``angle`` if there are too few faces, if they do not differ by multiples of 90 degrees, or if the
+    result differs from ``angle`` by more than ``most``.
+    """
+    if len(angles) < LEAST_POINTS:
+        return angle
+    mean = np.exp(4j * angles).mean()
     if abs(mean) < CONCENTRATED:
-        return yaw
+        return angle
     quarter = 0.5 * np.pi
-    by = (np.angle(mean) / 4 - yaw + quarter / 2) % quarter - quarter / 2
-    return yaw + float(by) if abs(by) <= MOST_REFINED else yaw
+    by = (np.angle(mean) / 4 - angle + quarter / 2) % quarter - quarter / 2
+    return angle + float(by) if abs(by) <= most else angle

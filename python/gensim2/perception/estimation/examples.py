@@ -292,16 +292,14 @@ def stacked(examples: Sequence[Example]) -> Example:
     return {name: np.stack([each[name] for each in examples]) for name in examples[0]}
 
 
-def training_instances(
-    library: Library, classes: Sequence[str], count: int, seed: int
-) -> Mapping[str, tuple[str, ...]]:
-    """Return the ids of training objects by class.
+def training_instances(library: Library, counts: Mapping[str, int], seed: int) -> Mapping[str, tuple[str, ...]]:
+    """Return the ids of training objects by class. ``counts`` contains the number of objects of each class.
 
     For generated classes, the ids exclude all objects that ``--instances all`` or ``--instances new`` selects, because
     these objects serve for evaluation. For classes from a folder of objects, the ids are those of the training split.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for name in classes:
+    for name, count in counts.items():
         if library.source(name) == "real":
             found[name] = library.choose(name, "train")[:count]
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,12 @@ LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 """Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
 part, and of the points without a counterpart.
 """
+LEAST_SHIFT = {"revolute": 0.3, "prismatic": 0.025}
+"""Minimum displacement (rad or m) of the estimated keypoints along the joint for the displacement to count."""
+NEAREST = 3
+"""Number of cloud points whose mean replaces a keypoint that the hand has missed."""
+MOST_MISSED = 0.06
+"""Maximum distance (m) of the points that replace a keypoint."""
 RELATIVE, ABSOLUTE = 0.1, 0.04
 """Standard deviation of a measured displacement: a fraction of the displacement plus a fraction of the joint range."""
 
@@ -47,6 +53,8 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     the object in the old cloud.
     If no displacement of the estimated moving part makes the clouds match better, the function searches for the
     displacement of the points that have no counterpart in the other cloud, because the estimated part may be wrong.
+    If this search does not find a displacement either, for example because the moving part is small, the displacement of
+    the estimated keypoints counts, if it is large enough.
 
     Args:
         before, after: estimates of the object.
@@ -65,7 +73,24 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
             found = _fitted(before.joint, moving, trees, gain)
             if found:
                 return found
-    return found
+    shift = _keypoint_shift(before, after)
+    return shift if abs(shift) >= LEAST_SHIFT[before.joint.type] else found
+
+
+def _keypoint_shift(before: ObjectEstimate, after: ObjectEstimate) -> float:
+    """Return the mean displacement (rad or m) of the moving keypoints along the joint of the estimate ``before``; 0 if
+    the joint moves no keypoint.
+    """
+    joint, found = before.joint, []
+    for name in before.moving_keypoints:
+        old, new = before.keypoints[name], after.keypoints[name]
+        if joint.type == "prismatic":
+            found.append(float((new - old) @ joint.axis))
+        else:
+            arms = [each - joint.origin for each in (old, new)]
+            old, new = (each - (each @ joint.axis) * joint.axis for each in arms)
+            found.append(float(np.arctan2(np.cross(old, new) @ joint.axis, old @ new)))
+    return float(np.mean(found)) if found else 0.0
 
 
 def _fitted(joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTree], gain: float) -> float:
@@ -98,6 +123,7 @@ class Track:
         others: row indices of cloud points on other bodies.
         moved: displacement of the joint since the first cloud, rad or m.
         change: displacement of the joint in the latest motion, rad or m; None if it was not measured.
+        misses: number of motions so far that did not move the joint, since a motion last moved it.
     """
 
     found: ObjectEstimate
@@ -105,6 +131,7 @@ class Track:
     others: npt.NDArray[np.int64]
     moved: float = 0.0
     change: float | None = None
+    misses: int = 0
 
     def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
         """Return the track after a motion.
@@ -114,6 +141,10 @@ class Track:
         joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
         of its range.
 
+        If the joint has not moved towards the goal so far, the hand has probably missed the part that it should have
+        pulled or pushed. After every second of these motions, the points of the cloud that are nearest to the first
+        moving keypoint replace this keypoint. The other motions use the keypoint of the new estimate.
+
         Args:
             found: new estimate of the object.
             cloud, others: cloud of this estimate, and points on other bodies.
@@ -121,12 +152,15 @@ class Track:
         """
         change = displacement(self.found, self.cloud, found, cloud)
         if change is None:
-            return Track(found, cloud, others, self.moved)
+            return Track(found, cloud, others, self.moved, misses=self.misses)
         span = self.found.joint.upper - self.found.joint.lower
         moved = self.moved + change
         kind = self.found.joint.type
         if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
             return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved, change)
+        misses = self.misses + 1 if goal and abs(change) < STALLED[kind] else 0
+        if misses % 2:
+            found = at_points(found, cloud)
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
         variances = (
@@ -135,4 +169,22 @@ class Track:
         )
         shares = np.array([1.0 / each for each in variances])
         openness = float(shares @ [predicted, new.openness] / shares.sum())
-        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved, change)
+        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved, change, misses)
+
+
+def at_points(found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
+    """Return an estimate whose first moving keypoint is the mean of the object's nearest points in the cloud. If no point
+    is near the keypoint, return the estimate unchanged.
+
+    Args:
+        found: estimate of an object.
+        cloud: (N, 3) point cloud of the estimate in the base frame, m.
+    """
+    if not found.moving_keypoints:
+        return found
+    name = found.moving_keypoints[0]
+    points = cloud[found.points].astype(np.float64)
+    distance, rows = cKDTree(points).query(found.keypoints[name], k=NEAREST)
+    if distance.max() > MOST_MISSED:
+        return found
+    return replace(found, keypoints={**found.keypoints, name: points[rows].mean(axis=0)})

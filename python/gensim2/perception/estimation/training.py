@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -53,6 +53,7 @@ class PerceiveSettings(RunSettings):
     assets: str
     robot: str
     objects: int
+    objects_of: dict[str, int] = {}
     looks: int
     steps: int
     batch: int
@@ -67,6 +68,7 @@ def train_estimator(
     assets: Path | str | None = "builtin",
     robot_name: str = DEFAULT_ROBOT,
     objects: int = 60,
+    objects_of: Mapping[str, int] | None = None,
     looks: int = 12,
     steps: int = 4000,
     batch: int = 24,
@@ -84,6 +86,7 @@ def train_estimator(
         assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
         robot_name: name of the robot in the scenes.
         objects: number of training objects of each class; a class with fewer objects uses all of them.
+        objects_of: number of training objects of single classes, by class, instead of ``objects``.
         looks: number of clouds of each object.
         steps: number of gradient steps.
         batch: number of clouds in a gradient step.
@@ -96,21 +99,27 @@ def train_estimator(
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, ``out`` contains a different training run, or the estimator ``start``
+        InputError: a class is unknown or rigid, ``objects_of`` names a class that is not trained, ``out`` contains a different training run, or the estimator ``start``
             has other classes.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
     for name in names:
         library.check_kind(name, "articulated")
-    if objects * looks * len(names) > ROOM:
-        message = f"the training set would have {objects * looks * len(names)} clouds; the maximum is {ROOM}"
+    counts = dict.fromkeys(names, objects) | dict(objects_of or {})
+    for name in counts:
+        if name not in names:
+            remedy = f"choose from {', '.join(names)}"
+            raise InputError(f"the class {name!r} is not trained", field="objects_of", remedy=remedy)
+    if sum(counts.values()) * looks > ROOM:
+        message = f"the training set would have {sum(counts.values()) * looks} clouds; the maximum is {ROOM}"
         raise InputError(message, field="objects", remedy="reduce objects or looks")
     settings = PerceiveSettings(
         classes=names,
         assets=str(library.location),
         robot=robot_name,
         objects=objects,
+        objects_of=dict(objects_of or {}),
         looks=looks,
         steps=steps,
         batch=batch,
@@ -169,7 +178,8 @@ def _examples(
     library: Library, profile: RobotProfile, settings: PerceiveSettings, folder: Path, progress: Progress
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
     """Return class constants, training examples and calibration examples; generate examples that are missing."""
-    instances = training_instances(library, settings.classes, settings.objects + CALIBRATION, settings.seed)
+    counts = {name: settings.objects_of.get(name, settings.objects) + CALIBRATION for name in settings.classes}
+    instances = training_instances(library, counts, settings.seed)
     constants: list[ClassConstants] = []
     training: list[Arrays] = []
     held_out: list[Arrays] = []
@@ -240,12 +250,15 @@ class Examples:
 
     def __init__(self, arrays: Arrays) -> None:
         self._arrays = arrays
-        _, self._number, counts = np.unique(arrays["class"], return_inverse=True, return_counts=True)
-        self._chance = 1.0 / counts[self._number]
+        _, number, counts = np.unique(arrays["class"], return_inverse=True, return_counts=True)
+        self._chance = 1.0 / np.sqrt(counts[number])
         self._chance /= self._chance.sum()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Sample a batch with equal probability of all classes, and deform, rotate and shift each cloud at random."""
+        """Sample a batch, and deform, rotate and shift each cloud at random.
+
+        The probability of a class is proportional to the square root of its number of clouds.
+        """
         rows = generator.choice(len(self._chance), size, p=self._chance)
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
         shift = np.concatenate([generator.uniform(-MOST_SHIFT, MOST_SHIFT, (size, 2)), np.zeros((size, 1))], axis=1)
