@@ -46,9 +46,11 @@ LEVEL = 0.35
 """Maximum vertical component of a unit normal at which the surface counts as upright."""
 CONCENTRATED = 0.6
 """Minimum concentration of the upright normals (0 to 1) for an object to count as a box."""
+PART_CONCENTRATED = 0.35
+"""Minimum concentration of the normals of a moving part; lower, because the part often contains points of the base."""
 MOST_REFINED = 0.2
 """Maximum correction of the yaw that upright surfaces may cause, rad."""
-MOST_TURNED = 0.35
+MOST_TURNED = 0.6
 """Maximum correction of a revolute joint's value that the surfaces of the moving part may cause, rad."""
 
 
@@ -337,7 +339,7 @@ def squared_yaw(normals: Points, yaw: float) -> float:
         yaw: estimated yaw in this frame, rad.
     """
     upright = normals[np.abs(normals[:, 2]) < LEVEL]
-    return _squared(np.arctan2(upright[:, 1], upright[:, 0]), yaw, MOST_REFINED)
+    return _squared(np.arctan2(upright[:, 1], upright[:, 0]), yaw, CONCENTRATED, MOST_REFINED)
 
 
 def squared_value(normals: Points, axis: Array, yaw: float, value: float) -> float:
@@ -356,18 +358,19 @@ def squared_value(normals: Points, axis: Array, yaw: float, value: float) -> flo
     across = normals[np.abs(normals @ axis) < LEVEL]
     front = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     first = front if abs(front @ axis) < LEVEL else np.array([0.0, 0.0, 1.0])
-    return _squared(np.arctan2(across @ np.cross(axis, first), across @ first), value, MOST_TURNED)
+    angles = np.arctan2(across @ np.cross(axis, first), across @ first)
+    return _squared(angles, value, PART_CONCENTRATED, MOST_TURNED)
 
 
-def _squared(angles: Array, angle: float, most: float) -> float:
+def _squared(angles: Array, angle: float, concentrated: float, most: float) -> float:
     """Return the angle (rad) nearest to ``angle`` that differs from the angles (M,) of faces by a multiple of 90
-    degrees. Return ``angle`` if there are too few faces, if they do not differ by multiples of 90 degrees, or if the
-    result differs from ``angle`` by more than ``most``.
+    degrees. Return ``angle`` if there are too few faces, if their concentration (0 to 1) is below ``concentrated``, or
+    if the result differs from ``angle`` by more than ``most`` (rad).
     """
     if len(angles) < LEAST_POINTS:
         return angle
     mean = np.exp(4j * angles).mean()
-    if abs(mean) < CONCENTRATED:
+    if abs(mean) < concentrated:
         return angle
     quarter = 0.5 * np.pi
     by = (np.angle(mean) / 4 - angle + quarter / 2) % quarter - quarter / 2
