@@ -346,8 +346,9 @@ def squared_value(normals: Points, axis: Array, yaw: float, value: float) -> flo
     """Return the value (rad) of a revolute joint, computed from the normals of a box-shaped moving part such as a door
     or a lid. If the normals do not fit a box, return ``value``.
 
-    If such a joint is at zero, the faces of the moving part are parallel to the faces of the object. Therefore the angle
-    of a face about the axis, measured from a face of the object, is the joint value plus a multiple of 90 degrees.
+    If such a joint is at zero, the faces of the moving part are parallel to the faces of the object. Therefore the
+    angle of a face about the axis, measured from a face of the object, is the joint value plus a multiple of 90
+    degrees.
 
     Args:
         normals: (M, 3) unit normals of the moving part with either sign, in a frame with a vertical z axis.

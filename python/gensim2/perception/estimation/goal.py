@@ -39,7 +39,7 @@ LEAST_SEEN = 0.25
 as hidden, and the estimate is discarded."""
 DISTRUST = 0.5
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
-the number of motions so far."""
+the number of motions that moved the joint."""
 
 
 class GoalTracker:
@@ -274,7 +274,7 @@ class GoalTracker:
 
         The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
         count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number
-        of motions so far.
+        of motions so far. The latest motions do not count if they have not moved the joint.
 
         Args:
             q: (n,) joint values of the robot.
@@ -289,7 +289,7 @@ class GoalTracker:
         if track is not None and self.name is not None:
             found, T = track.found, profile.T_world_base
             keypoints[self.name] = {name: T[:3, :3] @ at + T[:3, 3] for name, at in found.keypoints.items()}
-            doubt = distrust * found.joint.openness_deviation / max(self.motions - self._first_motion, 1)
+            doubt = distrust * found.joint.openness_deviation / max(self.motions - self._first_motion - track.misses, 1)
             openness[self.name] = found.joint.openness - doubt * self._goal
             joint_speed[self.name] = 0.0
             # Without contents, the criteria compare heights, because an estimate does not show whether the articulated

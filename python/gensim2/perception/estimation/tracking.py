@@ -53,8 +53,8 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     the object in the old cloud.
     If no displacement of the estimated moving part makes the clouds match better, the function searches for the
     displacement of the points that have no counterpart in the other cloud, because the estimated part may be wrong.
-    If this search does not find a displacement either, for example because the moving part is small, the displacement of
-    the estimated keypoints counts, if it is large enough.
+    If this search does not find a displacement either, for example because the moving part is small, the displacement
+    of the estimated keypoints counts, if it is large enough.
 
     Args:
         before, after: estimates of the object.
@@ -169,12 +169,14 @@ class Track:
         )
         shares = np.array([1.0 / each for each in variances])
         openness = float(shares @ [predicted, new.openness] / shares.sum())
-        return Track(found.at(openness, float(shares.sum() ** -0.5)), cloud, others, moved, change, misses)
+        # Two clouds of an object that has not moved lead to the same error, so their mean is not more accurate.
+        deviation = min(old.openness_deviation, new.openness_deviation) if misses else float(shares.sum() ** -0.5)
+        return Track(found.at(openness, deviation), cloud, others, moved, change, misses)
 
 
 def at_points(found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
-    """Return an estimate whose first moving keypoint is the mean of the object's nearest points in the cloud. If no point
-    is near the keypoint, return the estimate unchanged.
+    """Return an estimate whose first moving keypoint is the mean of the object's nearest points in the cloud. If no
+    point is near the keypoint, return the estimate unchanged.
 
     Args:
         found: estimate of an object.

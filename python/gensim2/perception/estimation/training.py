@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 import torch
+from pydantic import Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -53,7 +54,7 @@ class PerceiveSettings(RunSettings):
     assets: str
     robot: str
     objects: int
-    objects_of: dict[str, int] = {}
+    objects_of: dict[str, int] = Field(default_factory=dict)
     looks: int
     steps: int
     batch: int
@@ -99,8 +100,8 @@ def train_estimator(
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, ``objects_of`` names a class that is not trained, ``out`` contains a different training run, or the estimator ``start``
-            has other classes.
+        InputError: a class is unknown or rigid, ``objects_of`` names a class that is not trained, ``out`` contains a
+            different training run, or the estimator ``start`` has other classes.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
