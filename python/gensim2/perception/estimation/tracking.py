@@ -27,7 +27,7 @@ LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 part, and of the points without a counterpart.
 """
 LEAST_SHIFT = {"revolute": 0.3, "prismatic": 0.025}
-"""Minimum displacement (rad or m) of the estimated keypoints along the joint for the displacement to count."""
+"""Minimum displacement (rad or m) of an estimated keypoint along the joint for the displacement to count."""
 NEAREST = 3
 """Number of cloud points whose mean replaces a keypoint that the hand has missed."""
 MOST_MISSED = 0.06
@@ -54,7 +54,7 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     If no displacement of the estimated moving part makes the clouds match better, the function searches for the
     displacement of the points that have no counterpart in the other cloud, because the estimated part may be wrong.
     If this search does not find a displacement either, for example because the moving part is small, the displacement
-    of the estimated keypoints counts, if it is large enough.
+    of the first moving keypoint counts, if it is large enough.
 
     Args:
         before, after: estimates of the object.
@@ -78,19 +78,16 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
 
 
 def _keypoint_shift(before: ObjectEstimate, after: ObjectEstimate) -> float:
-    """Return the mean displacement (rad or m) of the moving keypoints along the joint of the estimate ``before``; 0 if
+    """Return the displacement (rad or m) of the first moving keypoint along the joint of the estimate ``before``; 0 if
     the joint moves no keypoint.
     """
-    joint, found = before.joint, []
-    for name in before.moving_keypoints:
-        old, new = before.keypoints[name], after.keypoints[name]
-        if joint.type == "prismatic":
-            found.append(float((new - old) @ joint.axis))
-        else:
-            arms = [each - joint.origin for each in (old, new)]
-            old, new = (each - (each @ joint.axis) * joint.axis for each in arms)
-            found.append(float(np.arctan2(np.cross(old, new) @ joint.axis, old @ new)))
-    return float(np.mean(found)) if found else 0.0
+    if not before.moving_keypoints:
+        return 0.0
+    joint, name = before.joint, before.moving_keypoints[0]
+    old, new = (each.keypoints[name] - joint.origin for each in (before, after))
+    if joint.type == "prismatic":
+        return float((new - old) @ joint.axis)
+    return float(np.arctan2(np.cross(old, new) @ joint.axis, old @ new - (old @ joint.axis) * (new @ joint.axis)))
 
 
 def _fitted(joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTree], gain: float) -> float:
