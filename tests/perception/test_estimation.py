@@ -652,11 +652,11 @@ def test_after_a_miss_the_handle_is_sought_at_the_nearest_points() -> None:
     first = Track(wrong, look.cloud.xyz, none)
     second = first.after(wrong, look.cloud.xyz, none, 1)
     assert second.misses == 1
-    assert np.linalg.norm(second.found.keypoints[head] - found.keypoints[head]) < 0.02
+    assert np.linalg.norm(second.to_plan.keypoints[head] - found.keypoints[head]) < 0.02
     # The next attempt uses the estimated keypoint again, and nothing that was seen makes the openness more certain.
     third = second.after(wrong, look.cloud.xyz, none, 1)
     assert third.misses == 2
-    assert np.array_equal(third.found.keypoints[head], off)
+    assert np.array_equal(third.to_plan.keypoints[head], off)
     assert third.found.joint.openness_deviation == pytest.approx(0.1)
     # A motion that moves the joint ends the series.
     moved = look_at("drawer", 0.9)

@@ -120,7 +120,7 @@ class Track:
         others: row indices of cloud points on other bodies.
         moved: displacement of the joint since the first cloud, rad or m.
         change: displacement of the joint in the latest motion, rad or m; None if it was not measured.
-        misses: number of motions so far that did not move the joint, since a motion last moved it.
+        misses: number of motions that did not move the joint since a motion last moved it.
     """
 
     found: ObjectEstimate
@@ -130,6 +130,16 @@ class Track:
     change: float | None = None
     misses: int = 0
 
+    @property
+    def to_plan(self) -> ObjectEstimate:
+        """Estimate on which the next motion is planned.
+
+        If the latest motion has not moved the joint, the hand has probably missed the part that it should have pulled
+        or pushed. After every second motion of this kind, the points of the cloud that are nearest to the first moving
+        keypoint replace this keypoint. The other motions use the estimated keypoint.
+        """
+        return at_points(self.found, self.cloud) if self.misses % 2 else self.found
+
     def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
         """Return the track after a motion.
 
@@ -137,10 +147,6 @@ class Track:
         estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
         joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
         of its range.
-
-        If the joint has not moved towards the goal so far, the hand has probably missed the part that it should have
-        pulled or pushed. After every second of these motions, the points of the cloud that are nearest to the first
-        moving keypoint replace this keypoint. The other motions use the keypoint of the new estimate.
 
         Args:
             found: new estimate of the object.
@@ -156,8 +162,6 @@ class Track:
         if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
             return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved, change)
         misses = self.misses + 1 if goal and abs(change) < STALLED[kind] else 0
-        if misses % 2:
-            found = at_points(found, cloud)
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
         variances = (
