@@ -22,6 +22,7 @@ DIRECTIONS: Array = np.concatenate([np.eye(3), -np.eye(3)])
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-100.0, le=100.0)]
 Row = tuple[Number, Number, Number]
+Positive = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class ClassConstants(BaseModel):
@@ -35,6 +36,7 @@ class ClassConstants(BaseModel):
         object_axis: axis of the object frame about which the hand turns in the planner's "rotate" motions.
         frame: (3, 3) rotation of the object frame in the world, if the object is in its default placement and its joint
             is at zero.
+        span: smallest and largest joint range (rad or m) of the training objects; None if it is not known.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,6 +47,7 @@ class ClassConstants(BaseModel):
     moving: tuple[bool, ...]
     object_axis: Literal["x", "y", "z"]
     frame: tuple[Row, Row, Row]
+    span: tuple[Positive, Positive] | None = None
 
     @staticmethod
     def of(model: ArticulatedObject) -> ClassConstants:

@@ -50,6 +50,8 @@ PART_CONCENTRATED = 0.35
 """Minimum concentration of the normals of a moving part; lower, because the part often contains points of the base."""
 MOST_REFINED = 0.2
 """Maximum correction of the yaw that upright surfaces may cause, rad."""
+LEAST_SPAN, MOST_SPAN = 0.8, 1.8
+"""Range of the estimated joint range, as multiples of the smallest and largest joint range of the training objects."""
 MOST_TURNED = 0.6
 """Maximum correction of a revolute joint's value that the surfaces of the moving part may cause, rad."""
 
@@ -287,6 +289,8 @@ class SceneEstimator:
         hypotheses = tuple((to_base @ turn @ DIRECTIONS[each], float(likely[each])) for each in order)
         lower, upper = map(float, np.sort(found["limits"]))
         upper = max(upper, lower + 1e-3)
+        if kind.span is not None:
+            upper = lower + float(np.clip(upper - lower, LEAST_SPAN * kind.span[0], MOST_SPAN * kind.span[1]))
         openness = float(np.clip(found["openness"], 0.0, 1.0))
         if self.refine and kind.joint_type == "revolute":
             value = lower + openness * (upper - lower)

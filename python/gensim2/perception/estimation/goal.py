@@ -335,7 +335,9 @@ class GoalTracker:
         if track is None or self.name is None:
             return planning_scene({}, self._obstacles, np.arange(len(self._obstacles)), q, profile, rigid=rigid)
         cell = FINE_CELL if rigid else CELL
-        found = planning_scene({self.name: track.to_plan}, track.cloud, track.others, q, profile, rigid=rigid, cell=cell)
+        found = planning_scene(
+            {self.name: track.to_plan}, track.cloud, track.others, q, profile, rigid=rigid, cell=cell
+        )
         # The objects of the scene are in the order of the task.
         return replace(found, objects={name: found.objects[name] for name in self._objects})
 

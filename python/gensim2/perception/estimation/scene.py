@@ -5,11 +5,12 @@ obstacles. The estimated joint limits are widened, so that an error of the estim
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.perception.estimation.estimator import ObjectEstimate, Points
+from gensim2.perception.estimation.estimator import LEVEL, ObjectEstimate, Points
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.world import TABLE
 from gensim2.robots import RobotProfile
@@ -23,6 +24,8 @@ SKIN = 0.002
 """Margin of a box around its points, m."""
 LEAST_IN_CELL = 2
 """Minimum number of points in a cell to get a box, because single points may be stray points."""
+LEAST_HEIGHT = 0.03
+"""Minimum height above the table (m) at which the hand pushes an object along the table."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 
@@ -60,7 +63,8 @@ def planning_scene(
         q=q,
         qvel=np.zeros_like(q),
         T_world_base=profile.T_world_base,
-        objects={name: scene_object(name, each, cloud, cell) for name, each in objects.items()} | dict(rigid or {}),
+        objects={name: scene_object(name, _raised(each, cloud, profile), cloud, cell) for name, each in objects.items()}
+        | dict(rigid or {}),
         fixtures=tuple(fixtures),
     )
 
@@ -97,6 +101,20 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, cell: float = 
         object_axis=found.object_axis,
         yaw=found.yaw,
     )
+
+
+def _raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> ObjectEstimate:
+    """Return an estimate of which the moving keypoints are high enough for the fingers, if the joint slides
+    horizontally. The keypoints are not raised above the object's highest point.
+    """
+    if found.joint.type != "prismatic" or abs(found.joint.axis[2]) > LEVEL:
+        return found
+    height = float(profile.T_world_base[2, 3])
+    least = min(LEAST_HEIGHT - height, float(cloud[found.points, 2].max()))
+    keypoints = dict(found.keypoints)
+    for name in found.moving_keypoints:
+        keypoints[name] = np.append(keypoints[name][:2], max(keypoints[name][2], least))
+    return replace(found, keypoints=keypoints)
 
 
 def boxes(points: Points, cell: float = CELL) -> tuple[Array, ...]:

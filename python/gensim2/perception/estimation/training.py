@@ -189,13 +189,17 @@ def _examples(
         model = library.load(name, ids[0], "default")
         assert isinstance(model, ArticulatedObject)
         constants.append(ClassConstants.of(model))
-        kept = max(len(ids) - CALIBRATION, 1)
+        kept, ranges = max(len(ids) - CALIBRATION, 1), []
         groups = [ids[first : min(first + OBJECTS_A_FILE, kept)] for first in range(0, kept, OBJECTS_A_FILE)]
         for number, group in enumerate([*groups, ids[kept:]]):
             found = _file_of(library, profile, settings, folder / f"{name}-{number}.npz", name, group)
             if found is not None:
                 (held_out if number == len(groups) else training).append(found)
+                ranges.append(np.ptp(found["limits"], axis=1))
             progress.advance()
+        if ranges:
+            spans = np.concatenate(ranges).astype(np.float64)
+            constants[-1] = constants[-1].model_copy(update={"span": (float(spans.min()), float(spans.max()))})
     return tuple(constants), _joined(training), _joined(held_out or training[:1])
 
 
