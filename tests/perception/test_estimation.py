@@ -100,9 +100,9 @@ def look_at(asset_class: str, openness: float, *, noisy: bool = False) -> Labell
     return found
 
 
-def truth(look: LabelledCloud) -> ObjectEstimate:
+def truth(look: LabelledCloud, *classes: str) -> ObjectEstimate:
     """Return the estimate of an observer that makes no mistake."""
-    arrays = stacked([example(look, CLASSES, PANDA)])
+    arrays = stacked([example(look, classes or CLASSES, PANDA)])
     model = look.placed.model
     assert isinstance(model, ArticulatedObject)
     T = np.linalg.inv(PANDA.T_world_base)
@@ -382,6 +382,22 @@ def test_true_estimates_can_be_planned_on(name: str, asset_class: str, openness:
     assert any(plan.is_solved for plan in plans), [plan.reason for plan in plans]
 
 
+@pytest.mark.parametrize(
+    ("asset_class", "keypoint", "expected"),
+    [("drawer", 0.01, 0.03), ("drawer", 0.05, 0.05), ("toaster_press", 0.01, 0.01), ("box_rotate", 0.01, 0.01)],
+)
+def test_the_hand_pushes_objects_above_the_table(asset_class: str, keypoint: float, expected: float) -> None:
+    """The fingers would touch the table lower down. Only joints that slide along the table need this."""
+    look = look_at(asset_class, 0.5)
+    found = truth(look, asset_class)
+    [head, *_] = found.moving_keypoints
+    at = np.append(found.keypoints[head][:2], keypoint)
+    low = replace(found, keypoints={**found.keypoints, head: at})
+    q, none = np.array(PANDA.reset_qpos), np.zeros(0, dtype=np.int64)
+    scene = planning_scene({"object": low}, look.cloud.xyz, none, q, PANDA)
+    assert scene.objects["object"].keypoints[head] == pytest.approx([*at[:2], expected], abs=1e-6)
+
+
 def test_a_true_estimate_has_no_errors() -> None:
     look = look_at("box_rotate", 0.4)
     arrays = stacked([example(look, CLASSES, PANDA)])
@@ -486,6 +502,22 @@ def test_an_estimator_is_read_as_it_was_written(trained: Path) -> None:
         assert sum(each.classes.values()) == pytest.approx(1.0, abs=1e-5)
         assert min(each.joint.openness_deviation, each.joint.origin_deviation) > 0
         assert set(each.keypoints) == set(model_of("drawer").keypoints)
+
+
+def test_joint_ranges_stay_near_those_of_the_training_objects(trained: Path) -> None:
+    estimator = SceneEstimator.load(trained, PANDA)
+    joint = model_of("drawer").joint
+    span = estimator.classes[1].span
+    assert span == pytest.approx((joint.upper - joint.lower,) * 2, abs=0.06)
+    estimator.network.groups.bias.data[TARGET] = 100.0
+    xyz, ranges = look_at("drawer", 0.5).cloud.xyz, []
+    for bounds in ((1.0, 1.0), None):
+        estimator.classes = tuple(each.model_copy(update={"span": bounds}) for each in estimator.classes)
+        [found] = estimator.estimate(xyz, "drawer").objects
+        ranges.append(found.joint.upper - found.joint.lower)
+    # The untrained network estimates a range below 0.8 m.
+    assert ranges[0] == pytest.approx(0.8)
+    assert ranges[1] < 0.8
 
 
 @pytest.mark.parametrize("xyz", [np.zeros((0, 3), np.float32), np.zeros((5, 3), np.float32)])
