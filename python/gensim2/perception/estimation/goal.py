@@ -37,7 +37,7 @@ CLASS_ODDS = 100.0
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
-DISTRUST = 0.5
+DISTRUST = 1.0
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
 the number of motions that moved the joint."""
 
