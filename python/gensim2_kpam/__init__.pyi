@@ -559,20 +559,55 @@ class Scene:
             ```
         """
     def ik(
-        self, pose: Numbers, q_start: Numbers, *, link: str | None = None, max_solutions: int = 16, seed: int = 0
+        self,
+        pose: Numbers,
+        q_start: Numbers,
+        *,
+        link: str | None = None,
+        max_solutions: int = 16,
+        seed: int = 0,
+        min_distance: float = 0.05,
+        posture: Numbers | None = None,
+        posture_weights: Numbers | None = None,
+        manipulability: float = 0.0,
+        margin: float | None = None,
     ) -> Array:
-        """Solve inverse kinematics, ignoring obstacles.
+        """Solve inverse kinematics.
+
+        Without ``posture`` and ``manipulability``, the solutions closest to ``q_start`` come first. Otherwise a
+        redundant arm is moved without moving the link, until the sum over all joints of ``posture_weights * (q -
+        posture)**2``, minus ``manipulability`` times the manipulability, has a local minimum. The solutions with the
+        smallest values come first.
 
         Args:
             pose: (4, 4) pose of ``link`` in the base frame.
-            q_start: (n,) joints that the solutions should be close to.
+            q_start: (n,) joints at which the search begins, rad or m. Joints that do not move the hand keep their
+                values.
             link: link that must reach the pose; default: the hand.
-            max_solutions: maximum number of solutions, 1 to 256.
+            max_solutions: maximum number of solutions, 1 to 256. With 256, an arm of six joints gets all solutions,
+                unless joint ranges above a turn multiply their number.
             seed: seed of the start values, 0 to 1,000,000.
+            min_distance: two solutions differ by at least this in at least one joint, 0.001 to 10 rad or m.
+            posture: (n,) preferred joint values within the limits, rad or m.
+            posture_weights: (n,) weights of the squared distances from ``posture``, 0 to 1e6 (1/rad^2 or 1/m^2);
+                default: 1 each.
+            manipulability: weight of the manipulability, 0 to 1e6. Manipulability is ``sqrt(det(J @ J.T))`` with the
+                Jacobian of ``link`` (m and rad), or ``sqrt(det(J.T @ J))`` with fewer than six moving joints. It is 0
+                at a singularity.
+            margin: minimum distance between two bodies at a solution, 0 to 0.1 m. Links that are closer in every
+                configuration must only not collide. With None, obstacles are ignored.
 
         Returns:
-            Distinct joint vectors (K, n), closest to ``q_start`` first; samples of the solutions if the arm is
-            redundant.
+            Distinct joint vectors (K, n), best first; K is 0 if no solution was found. If the arm is redundant, they
+            are a sample of its solutions.
+
+        Raises:
+            ProblemError: the pose is not rigid, the link is unknown, or an argument is out of range.
+
+        Example:
+            ```python
+            q = scene.ik(pose, q_now, max_solutions=1, posture=q_home, margin=0.005)  # (1, n), or (0, n)
+            ```
         """
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
         """Check whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool.

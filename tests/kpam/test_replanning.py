@@ -150,13 +150,3 @@ def test_deadlines_are_met_at_any_speed(panda: kpam.Robot, scale: float, deadlin
     for ask in asks:
         # The best of a few, because the machine may be busy.
         assert min(spent(ask) for _ in range(5)) <= deadline_ms + 1.0
-
-
-def test_one_solution_is_found_as_surely_as_many(panda: kpam.Robot) -> None:
-    draw, found = np.random.default_rng(2), 0
-    low, high = np.maximum(panda.lower, -3.0), np.minimum(panda.upper, 3.0)
-    scene = kpam.Scene(panda)
-    for _ in range(300):
-        pose = panda.forward_kinematics(draw.uniform(low, high))
-        found += len(scene.ik(pose, Q_START, max_solutions=1))
-    assert found >= 0.998 * 300

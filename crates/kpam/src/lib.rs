@@ -106,5 +106,5 @@ pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
 pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
-pub use transit::{Approached, Goal, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
+pub use transit::{Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, LANES, Pose};
-use gensim2_kpam::{Cancel, Checker, GraspTask, Nearness, ProblemError, Scene, SceneJoint, TransitOptions};
+use gensim2_kpam::{Cancel, Checker, GraspTask, IkOptions, Nearness, ProblemError, Scene, SceneJoint, TransitOptions};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -276,21 +276,54 @@ impl PyScene {
     }
 
     /// Returns at most `max_solutions` distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose
-    /// (4, 4) in the base frame, closest to `q_start` first. Obstacles are ignored.
+    /// (4, 4) in the base frame, best first: closest to `q_start`, or by the objective of `posture` and `manipulability`.
+    /// With a `margin` (m), only solutions that keep this distance from obstacles are returned.
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **others), text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0)")]
+    #[pyo3(
+        signature = (
+            pose, q_start, *, link = None, max_solutions = None, seed = 0, min_distance = 0.05, posture = None,
+            posture_weights = None, manipulability = 0.0, margin = None, **others
+        ),
+        text_signature = "($self, pose, q_start, *, link=None, max_solutions=16, seed=0, min_distance=0.05, posture=None, posture_weights=None, manipulability=0.0, margin=None)"
+    )]
     fn ik<'py>(
         &self,
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
         q_start: &Bound<'py, PyAny>,
-        link: Option<&str>,
+        link: Option<String>,
         max_solutions: Option<usize>,
         seed: usize,
+        min_distance: f64,
+        posture: Option<&Bound<'py, PyAny>>,
+        posture_weights: Option<&Bound<'py, PyAny>>,
+        manipulability: f64,
+        margin: Option<f64>,
         others: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?.unwrap_or(16);
-        self.solutions(py, pose, q_start, link, max_solutions, seed)
+        let joints = self.0.robot().joints().len();
+        let listed = |list: Option<&Bound<'_, PyAny>>, field: &str| {
+            list.map(|list| convert::vector(list, field, Some(joints))).transpose()
+        };
+        let mut options = IkOptions::default();
+        let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?;
+        options.max_solutions = max_solutions.unwrap_or(options.max_solutions);
+        (options.link, options.seed, options.min_distance) = (link, seed, min_distance);
+        options.posture = listed(posture, "posture")?;
+        options.posture_weights = listed(posture_weights, "posture_weights")?;
+        (options.manipulability, options.margin) = (manipulability, margin);
+        let q_start = convert::vector(q_start, "q_start", Some(joints))?;
+        let pose = convert::pose(pose, "pose")?;
+        // Starting an interruptible thread takes longer than a plain search.
+        let plain = options.posture.is_none() && manipulability == 0.0 && margin.is_none();
+        let found = if plain {
+            py.detach(|| gensim2_kpam::solutions(&self.0, &pose, &q_start, &options))
+        } else {
+            let (scene, cancel) = (self.0.clone(), Cancel::new());
+            options.cancel = Some(cancel.clone());
+            interruptible(py, cancel, move |_| gensim2_kpam::solutions(&scene, &pose, &q_start, &options))?
+        };
+        Ok(convert::array2(py, &found.map_err(|e| from_problem(&e))?, joints).into_any())
     }
 
     /// Returns whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.

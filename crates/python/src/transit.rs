@@ -166,22 +166,6 @@ impl PyScene {
         })?;
         found.map(|m| PyMotion(m, 1e3 * time)).map_err(|e| from_problem(&e))
     }
-
-    pub(crate) fn solutions<'py>(
-        &self,
-        py: Python<'py>,
-        pose: &Bound<'py, PyAny>,
-        q_start: &Bound<'py, PyAny>,
-        link: Option<&str>,
-        max_solutions: usize,
-        seed: usize,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let joints = self.0.robot().joints().len();
-        let q_start = convert::vector(q_start, "q_start", Some(joints))?;
-        let pose = convert::pose(pose, "pose")?;
-        let found = py.detach(|| gensim2_kpam::solutions(&self.0, &pose, link, &q_start, max_solutions, seed));
-        Ok(convert::array2(py, &found.map_err(|e| from_problem(&e))?, joints).into_any())
-    }
 }
 
 /// Converts a time limit in milliseconds.

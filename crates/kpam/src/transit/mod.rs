@@ -4,6 +4,7 @@
 mod between;
 mod field;
 mod goal;
+mod ik;
 mod moving;
 mod path;
 mod question;
@@ -25,8 +26,9 @@ use crate::world::{CONTACT, Close};
 use crate::{Cancel, ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field, RESOLUTION};
+pub use goal::Goal;
 pub(crate) use goal::check_others;
-pub use goal::{Goal, MAX_SOLUTIONS, solutions};
+pub use ik::{IkOptions, MAX_SOLUTIONS, solutions};
 use moving::State;
 use path::Along;
 pub use question::{Approached, Motion, NoMotion, TransitOptions};

@@ -79,6 +79,18 @@ impl Compiled {
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
+    /// Returns required distances that are `margin` (m) for every checked pair. Links that are closer in every
+    /// configuration must only not collide.
+    pub fn needs_at_least(&self, robot: &Robot, margin: f64) -> Needs {
+        let mut needs = self.needs(margin);
+        for (need, pair) in needs.pairs.iter_mut().zip(self.screen.pairs()) {
+            if robot.is_always_close(*pair, margin) {
+                *need = 0.0;
+            }
+        }
+        needs
+    }
+
     /// Returns required distances that are `clearance` (m), except for pairs that are closer at some configuration
     /// (`close`): these must only keep that distance. Links that are closer than `margin` in every configuration must
     /// only not collide.
