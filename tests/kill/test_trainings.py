@@ -116,7 +116,7 @@ def test_train(tmp_path: Path) -> None:
     settings = tmp_path / "settings.yaml"
     settings.write_text(json.dumps(SETTINGS))
     data = str(tmp_path / "learned" / "data")
-    killed_and_resumed(["train", "--data", data, "--config", str(settings)], ".", tmp_path)
+    killed_and_resumed(["train", "--data", data, "--config", str(settings)], ".", tmp_path, more=False)
 
 
 def test_experiment(tmp_path: Path) -> None:
