@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from step_notation import in_words
 
 from gensim2.instructions import vocabulary
-from gensim2.instructions.grammar import parse
+from gensim2.instructions.grammar import by_grammar as parse
 from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import SUPPORTS, HandOver, MoveJoint, Put, Refusal, SentenceError, Step
 from gensim2.objects.words import articulated_classes, belongs, noun, parts, rigid_classes

