@@ -99,7 +99,7 @@ def train(data: Sequence[Sentence], known: Sequence[Request], seed: int = 0) -> 
             error.backward()
             optimizer.step()
             schedule.step()
-        print(f"epoch {epoch + 1} of {EPOCHS}: loss {float(error):.3f}", flush=True)
+        print(f"epoch {epoch + 1} of {EPOCHS}: loss {error.item():.3f}", flush=True)
     return Recognizer(head.eval(), known)
 
 
