@@ -4,7 +4,8 @@ The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the no
 understands articles, adjectives, lists ("the apple and the lemon"), pronouns ("it", "there"), omitted verbs ("turn the
 faucet on and off again"), wishes ("the box must be closed"), and instructions beside reasons and statements ("shut the
 door, there's a draught"). It refuses every instruction with a word that it does not know or with a negation, and
-requests that no task of the library carries out. It never guesses the nearest task.
+requests that no task of the library carries out. For the refused instructions, :func:`parse` asks a recognizer
+(:mod:`~gensim2.instructions.recognition`) if its packages are installed.
 """
 
 from __future__ import annotations
