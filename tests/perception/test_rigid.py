@@ -170,6 +170,15 @@ def test_a_missing_rigid_object_is_named_and_nothing_moves() -> None:
     assert [(each.name, each.plans) for each in chain.history] == [("open", [])]
 
 
+def test_a_rigid_object_is_found_in_a_noisy_cloud() -> None:
+    env = HeadlessEnv("DropAppleIntoBox", assets="builtin", engine="mujoco", instances="new")
+    env.reset(2)
+    chain = PerceivingChain("DropAppleIntoBox", noise="deployed")
+    chain.reset(env.observe(ObservationSpec.of(chain.observation_spec)), 0)
+    found, true = chain._goal.rigid.found["apple"], env.measure().poses["apple"][:3]
+    np.testing.assert_allclose(found.T_world_object[:3, 3], true, atol=0.01)
+
+
 def test_criteria_of_rigid_objects_are_judged_by_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
     env = HeadlessEnv("DropAppleIntoBox", assets="builtin", engine="mujoco")
     env.reset(3)

@@ -20,6 +20,7 @@ from gensim2.perception.estimation.estimator import (
     SceneEstimator,
     estimator_folder,
 )
+from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.noise import read_noise
 from gensim2.robots import DEFAULT_ROBOT, robot
@@ -145,9 +146,13 @@ class PerceivingChain:
         self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success)
         ways = load_strategies(self._task.name) if strategies is None else strategies
         self._chain = _Chain(self._task, ways, self._profile)
-        self._spec = ObservationSpec(
-            cloud=replace(self._goal.cloud_settings, noise=None if noise is None else read_noise(noise))
-        )
+        settings = self._goal.cloud_settings
+        if noise is not None:
+            # Only noise causes stray points and lifts points of the table. Without noise, the filter of outliers would
+            # only drop small objects.
+            low = (*settings.low[:2], SETTINGS.low[2])
+            settings = replace(settings, noise=read_noise(noise), outliers=SETTINGS.outliers, low=low)
+        self._spec = ObservationSpec(cloud=settings)
         self._checks_goal, self._checked = False, 0
         self._step = self._task.steps[0]
         self._last: Action | None = None

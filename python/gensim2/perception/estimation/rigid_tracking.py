@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from gensim2.perception.estimation.rigid import (
     LEAST_IN_CLUSTER,
+    TABLE,
     RigidEstimate,
     RigidShape,
     assigned,
@@ -33,8 +34,10 @@ CHANGED, CHANGED_SHARE = 0.012, 0.5
 """Minimum distance (m) of a point from the earlier clouds if the point shows a change, and the minimum fraction of such
 points in the cluster of an object that has moved.
 """
-ON_ARTICULATED = 3.0
-"""Additional cost of a cluster that the network considers a part of the articulated object."""
+UNUSUAL = 3.0
+"""Additional cost of a cluster for each of these properties: the network considers it a part of the articulated object,
+it is connected to other points, or it does not reach down to the table.
+"""
 DROPPED_ERROR = 0.006
 """Maximum mean distance (m) of points from the surface of an object that was released into a container."""
 FARTHEST_DROP = 0.25
@@ -151,14 +154,21 @@ class RigidTracker:
         """Assign the clusters of the cloud to objects, and fit the objects to their clusters."""
         free = np.flatnonzero(own < 0)
         found = [free[rows] for rows in clusters(points[free])]
+        whole = len(found)
         # An object that touches the articulated object belongs to its cluster, but the network may tell them apart.
         for rows in list(found):
             apart = rows[~on_articulated[rows]]
             if 0 < len(apart) < len(rows):
                 found += [apart[part] for part in clusters(points[apart])]
+        penalties = [
+            UNUSUAL * (number >= whole)
+            + UNUSUAL * float(on_articulated[rows].mean() > 0.5)
+            + UNUSUAL * float(points[rows, 2].min() > TABLE)
+            for number, rows in enumerate(found)
+        ]
         if self._past is not None:
-            found = [rows for rows in found if changed[rows].mean() >= CHANGED_SHARE]
-        penalties = [ON_ARTICULATED * float(on_articulated[rows].mean() > 0.5) for rows in found]
+            kept = [number for number, rows in enumerate(found) if changed[rows].mean() >= CHANGED_SHARE]
+            found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
         shapes = {name: self.shapes[name] for name in names}
         for name, (column, number) in assigned(shapes, [points[rows] for rows in found], penalties).items():
             self.found[name] = fitted(self.shapes[name], points[found[column]], number)
