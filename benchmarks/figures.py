@@ -332,9 +332,9 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
         raise InputError("two files contain the same task with the same condition", field="results")
     found = before.with_rows(rows)
     put_into_archive(archive, counted)
-    # One row a line: a changed row is one line of a diff, and the file is half as large as indented JSON.
     lines = ",\n".join(row.model_dump_json() for row in found.rows)
-    write_atomic(out, f'{{"schema_version":1,"rows":[\n{lines}\n]}}\n')
+    text = f'{{"schema_version":1,"rows":[\n{lines}\n]}}\n'
+    write_atomic(out, lzma.compress(text.encode(), preset=9) if out.suffix == ".xz" else text)
     print(f"{len(rows)} rows in, {len(found.rows)} in {out}")
 
 

@@ -45,7 +45,9 @@ class Sentence:
 
 def requests() -> dict[str, Request]:
     """Return the requests by the texts of their steps."""
-    actions, nouns, found = {}, {}, {}
+    actions: dict[str, int] = {}
+    nouns: dict[str, int] = {}
+    found = {}
     for step in solved():
         action = actions.setdefault(_action(step), len(actions))
         found[step.text] = Request(

@@ -78,7 +78,7 @@ def test_episodes_that_were_left_out_are_no_figure(tmp_path: Path) -> None:
 
 
 def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
-    out = tmp_path / "figures.json"
+    out = tmp_path / "figures.json.xz"
 
     def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, SCRIPT, *words, "--out", out, "--archive", tmp_path / "episodes"]
@@ -133,6 +133,9 @@ def test_damaged_figures_are_named(tmp_path: Path) -> None:
         read_figures(written(tmp_path / "twice.json", {**whole, "rows": whole["rows"] * 2}))
     with pytest.raises(InputError, match="cannot be read"):
         read_figures(tmp_path / "none.json")
+    (tmp_path / "figures.json.xz").write_bytes(b"not compressed")
+    with pytest.raises(InputError, match=r"figures\.json\.xz: is damaged"):
+        read_figures(tmp_path / "figures.json.xz")
 
 
 def test_figures_that_travel_are_of_tasks_that_there_are() -> None:

@@ -1,12 +1,13 @@
 """Read the measured success rates of the library's tasks. All tables of success rates in the documentation are made
 from these measurements.
 
-Only ``benchmarks/figures.py`` writes the data file ``figures.json``, from the JSON output of ``gensim2 benchmark``.
+Only ``benchmarks/figures.py`` writes the data file ``figures.json.xz``, from the JSON output of ``gensim2 benchmark``.
 Each row of the data file holds the results of one task in one benchmark.
 """
 
 from __future__ import annotations
 
+import lzma
 from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
@@ -15,11 +16,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.renamed import current
 from gensim2.core.validation import input_error
 
-FIGURES = "figures.json"
+FIGURES = "figures.json.xz"
 
 Count = Annotated[int, Field(ge=0)]
 
@@ -171,7 +173,7 @@ class Figure(_Value):
 
 
 class Figures(_Value):
-    """Content of ``figures.json``: at most one row for each task and condition."""
+    """Content of ``figures.json.xz``: at most one row for each task and condition."""
 
     schema_version: Literal[1]
     rows: tuple[Figure, ...]
@@ -203,7 +205,7 @@ def figures() -> Figures:
 
 
 def read_figures(path: Path) -> Figures:
-    """Read the measured results in a file.
+    """Read the measured results in a file. A file with the suffix ``.xz`` is compressed.
 
     Raises:
         InputError: the file cannot be read or is invalid; the message names the field.
@@ -217,7 +219,11 @@ def figures_of(task: str) -> tuple[Figure, ...]:
 
 
 def _parsed(data: bytes, file: Path | str) -> Figures:
+    remedy = "write it anew with benchmarks/figures.py"
     try:
-        return Figures.model_validate_json(data)
+        text = lzma.LZMADecompressor().decompress(data, MAX_RECORD) if str(file).endswith(".xz") else data
+        return Figures.model_validate_json(text)
+    except lzma.LZMAError as error:
+        raise InputError(f"is damaged: {error}", file=file, remedy=remedy) from error
     except ValidationError as error:
-        raise input_error(error, file=file, remedy="write it anew with benchmarks/figures.py") from error
+        raise input_error(error, file=file, remedy=remedy) from error
