@@ -26,6 +26,7 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "USD files",
         "Data sets",
         "Ray",
+        "Sentences",
         "Plans in the browser",
         "Assets",
         "Cache",
