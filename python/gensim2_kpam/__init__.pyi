@@ -558,6 +558,84 @@ class Scene:
                 motion = motion.splice(again.trajectory, t)
             ```
         """
+    def plan_to_many(
+        self, q_starts: Sequence[Numbers], goals: Sequence[Numbers], *, threads: int | None = None, **options: Any
+    ) -> list[Motion]:
+        """Plan a motion for each pair of a start and a goal, in parallel. Ctrl-C interrupts planning.
+
+        Args:
+            q_starts: N starts (n,), rad or m.
+            goals: N goals, each as in :meth:`plan_to`: joints (n,), alternative joints (K, n), or a pose (4, 4).
+            threads: number of threads, 1 to 256; default: number of cores.
+            options: keyword arguments of :meth:`plan_to`, which hold for all motions. ``deadline_ms`` counts from the
+                beginning of each motion.
+
+        Returns:
+            The same motions as from :meth:`plan_to`, in the order of the pairs.
+
+        Raises:
+            ProblemError: an argument does not fit the robot; the error names the first such pair.
+
+        Example:
+            ```python
+            motions = scene.plan_to_many([q_now] * len(goals), goals, margin=0.01)
+            fastest = min((m for m in motions if m.trajectory), key=lambda m: m.trajectory.duration)
+            ```
+        """
+    def plan_along(
+        self,
+        q_start: Numbers,
+        poses: Sequence[Numbers],
+        *,
+        position_tolerance: float = 0.001,
+        rotation_tolerance: float = 0.01,
+        free_axis: Numbers | None = None,
+        margin: float = 0.005,
+        seed: int = 0,
+        velocity_scale: float = 1.0,
+        acceleration_scale: float = 1.0,
+        limits: Literal["panda", "fr3", "plain"] | None = None,
+        velocity_limits: Numbers | None = None,
+        acceleration_limits: Numbers | None = None,
+        jerk_limits: Numbers | None = None,
+        torque_limits: Numbers | None = None,
+        start_time: float = 0.0,
+        max_checks: int | None = None,
+        deadline_ms: float | None = None,
+        cancel: Cancel | None = None,
+    ) -> Motion:
+        """Plan a timed motion from rest at ``q_start`` that brings the hand to each of ``poses`` in turn.
+
+        The hand moves on straight lines and rotates uniformly, from its pose at ``q_start`` to the first pose, and from
+        each pose to the next. It stops at a pose only if it could not keep the tolerance otherwise. The joints move
+        continuously. If the arm is redundant, other motions of the redundant joints are tried if the hand cannot follow
+        the lines, or an obstacle is in the way.
+
+        Args:
+            q_start: (n,) values of all joints, rad or m; joints that do not move the hand keep their values.
+            poses: poses (4, 4) of the hand in the base frame.
+            position_tolerance: maximum distance of the hand's origin from the lines, 0.0001 to 0.1 m.
+            rotation_tolerance: maximum angle between the hand's orientation and the orientation at the nearest point of
+                the line, 0.001 to pi rad.
+            free_axis: (3,) axis of the hand frame about which the hand may rotate freely. ``rotation_tolerance`` then
+                limits the angle between the directions of this axis.
+            margin, velocity_scale, acceleration_scale, limits, velocity_limits, acceleration_limits, jerk_limits,
+                torque_limits, start_time, max_checks, deadline_ms, cancel: as for :meth:`plan_to`.
+            seed: seed of the motions of the redundant joints that are tried.
+
+        Returns:
+            The motion. If there is none, ``reason`` names the pose, and the joint at its limit or the two bodies that
+            are too close. The status is "unreachable" if the hand cannot follow a line, and "not_found" if an obstacle
+            is in the way or the tolerance is too small.
+
+        Raises:
+            ProblemError: an argument does not fit the robot.
+
+        Example:
+            ```python
+            motion = scene.plan_along(q_now, [above, below], free_axis=[0, 0, 1])  # a drill may rotate about its axis
+            ```
+        """
     def ik(
         self,
         pose: Numbers,

@@ -49,7 +49,7 @@ class MotionStatus(StrEnum):
     GOALS_BLOCKED = "goals_blocked"
     """Every goal is in collision."""
     UNREACHABLE = "unreachable"
-    """No joint values bring the link to the goal pose."""
+    """No joint values bring the link to the goal pose, or the hand cannot follow a line."""
     NOT_FOUND = "not_found"
     """The search ended without a motion; one may exist."""
     UNTIMED = "untimed"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,3 +194,49 @@ def test_links_that_are_always_close_do_not_block_motions(start: list[float], go
 def test_the_help_of_each_shape_states_its_unit(name: str) -> None:
     text = getattr(kpam.Shape, name).__doc__
     assert "(m)" in text or ", m" in text or "(m," in text
+
+
+def test_many_motions_are_those_of_single_calls(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda, clutter(5, 8))
+    q = rng(11, "motions", 0).uniform(panda.lower, panda.upper, (200, 9))
+    q[:, 7:] = 0.04
+    free = q[~np.asarray(scene.in_collision(q))]
+    starts, goals = free[:12], [*free[12:22], panda.forward_kinematics(free[22]), free[23:26]]
+    options: dict[str, Any] = {"margin": 0.01, "velocity_scale": 0.5, "samples": 3000}
+    single = [scene.plan_to(start, goal, **options) for start, goal in zip(starts, goals, strict=True)]
+    assert sum(motion.trajectory is not None for motion in single) >= 8
+    for threads in (1, 2, None):
+        many = scene.plan_to_many(starts, goals, threads=threads, **options)
+        for one, other in zip(single, many, strict=True):
+            assert (one.status, one.reason, one.goal, one.checks) == (
+                other.status,
+                other.reason,
+                other.goal,
+                other.checks,
+            )
+            if one.trajectory is not None:
+                assert other.trajectory is not None
+                np.testing.assert_array_equal(one.trajectory.positions, other.trajectory.positions)
+                np.testing.assert_array_equal(one.trajectory.times, other.trajectory.times)
+    assert scene.plan_to_many([], []) == []
+    stopped = kpam.Cancel()
+    stopped.cancel()
+    assert {m.status for m in scene.plan_to_many(starts, goals, cancel=stopped)} == {"cancelled"}
+
+
+def test_many_motions_refuse_a_wrong_pair_by_its_number(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda)
+    outside, short = Q_START + 9.0 * np.eye(9)[0], Q_START[:4]
+    for starts, goals, more, field in (
+        ([Q_START, outside], [Q_START, Q_START], {}, r"q_starts\[1\]\[0\]"),
+        ([Q_START, Q_START], [Q_START, outside], {}, r"goals\[1\]\[0\]\[0\]"),
+        ([Q_START, short], [Q_START, Q_START], {}, r"q_starts\[1\]"),
+        ([Q_START], [short], {}, r"goals\[0\]"),
+        ([Q_START], [Q_START, Q_START], {}, "goals"),
+        ([Q_START], [Q_START], {"threads": 0}, "threads"),
+        ([Q_START], [Q_START], {"margin": 5.0}, "margin"),
+    ):
+        with pytest.raises(kpam.ProblemError, match=field):
+            scene.plan_to_many(starts, goals, **more)
+    with pytest.raises(TypeError, match="'speed'"):
+        scene.plan_to_many([Q_START], [Q_START], speed=1.0)

@@ -1,14 +1,14 @@
 //! Joint motion for a given hand path. The path is followed in small steps. Each step reaches the next hand pose
 //! exactly and within the joint limits, and uses redundant joints to move away from the limits.
 
-use gensim2_geometry::{Pose, rotation_log};
+use gensim2_geometry::{JointKind, Pose, Robot, rotation_log};
 use nalgebra::Vector3;
 
+use crate::Cancel;
 use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 use crate::timing::Spline;
-use crate::{Cancel, KeypointProblem};
 
 /// Maximum translation (m) and rotation (rad) of the hand between two waypoints.
 const STRIDE: f64 = 0.01;
@@ -29,6 +29,8 @@ const PUSH: f64 = 0.03;
 const FREE_WEIGHT: f64 = 1e-8;
 /// Distance (rad or m) that waypoints keep from the joint limits, so that the spline between them stays inside.
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
+/// A joint closer than this (rad or m) to a limit counts as being at the limit.
+const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 /// Waypoints along a hand path up to the point where the arm cannot follow it any further.
 pub(crate) struct Followed {
@@ -57,8 +59,14 @@ impl Guide for HandPath {
 }
 
 pub(crate) struct Follower<'p> {
-    problem: &'p KeypointProblem,
+    robot: &'p Robot,
     model: &'p Model,
+    /// Unit axis of the hand frame about which the hand may rotate freely.
+    pub free_axis: Option<Vector3<f64>>,
+    /// Maximum distance (m) and angle (rad) of the curve through the waypoints from the hand path.
+    pub tolerance: [f64; 2],
+    /// Joint values that redundant joints move toward, instead of away from their limits.
+    pub posture: Option<Row>,
     placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
@@ -67,13 +75,23 @@ pub(crate) struct Follower<'p> {
 }
 
 impl<'p> Follower<'p> {
-    pub fn new(problem: &'p KeypointProblem, model: &'p Model, over: Cancel) -> Self {
-        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new(), over }
+    pub fn new(robot: &'p Robot, model: &'p Model, over: Cancel) -> Self {
+        Self {
+            robot,
+            model,
+            free_axis: None,
+            tolerance: [OFF_PATH, f64::INFINITY],
+            posture: None,
+            placed: Placed::default(),
+            qp: ActiveSet::default(),
+            bounds: Vec::new(),
+            over,
+        }
     }
 
     /// Returns the hand pose at the joint vector `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
-        self.placed.place(&self.problem.robot, self.model, x);
+        self.placed.place(self.robot, self.model, x);
         self.placed.hand
     }
 
@@ -136,8 +154,9 @@ impl<'p> Follower<'p> {
             let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
             let mut on_path = || {
                 let s = (i as f64 + 0.5) / steps as f64;
-                let wanted = path.at(if backwards { 1.0 - s } else { s }).translation.vector;
-                (self.hand(&curve.at(i, 0.5)).translation.vector - wanted).norm() < OFF_PATH
+                let hand = self.hand(&curve.at(i, 0.5));
+                let (way, turn) = left(&path.at(if backwards { 1.0 - s } else { s }), &hand, self.free_axis.as_ref());
+                way.norm() < self.tolerance[0] && turn.norm() < self.tolerance[1]
             };
             !(limited && on_path())
         })
@@ -150,26 +169,32 @@ impl<'p> Follower<'p> {
         let mut x = *from;
         for round in 0..12 {
             let hand = self.hand(&x);
-            let way = goal.translation.vector - hand.translation.vector;
-            let turn = rotation_log(&(goal.rotation * hand.rotation.inverse()));
+            let (way, turn) = left(goal, &hand, self.free_axis.as_ref());
             if way.amax() < EXACT && turn.amax() < EXACT {
                 let jumped = (0..n).any(|v| (x[v] - from[v]).abs() > JUMP);
                 return (!jumped).then_some(x);
             }
-            let [x_row, y_row, z_row] = self.placed.point_rows(&hand.translation.vector);
-            let [roll, pitch, yaw] = [0, 1, 2].map(|k| self.placed.angular_row(&Vector3::ith(k, 1.0)));
-            let rows = [x_row, y_row, z_row, roll, pitch, yaw];
-            let values = [way.x, way.y, way.z, turn.x, turn.y, turn.z];
             let mut gradient = [0.0; MAX_JOINTS];
             if round == 0 {
                 for v in 0..n {
-                    gradient[v] = -drift[v] - push * self.limit_push(v, &x);
+                    gradient[v] = -drift[v] - push * self.push(v, &x);
                 }
             }
-            // In most steps no joint reaches a limit, so equalities suffice.
-            let step = match smallest_step(n, &rows, &values, &gradient) {
-                Some(step) if self.within_limits(&x, &step) => step,
-                _ => self.limited_step(&x, &rows, &values, &gradient)?,
+            let [x_row, y_row, z_row] = self.placed.point_rows(&hand.translation.vector);
+            let about = |axis: &Vector3<f64>| (self.placed.angular_row(axis), turn.dot(axis));
+            let step = match self.free_axis {
+                None => {
+                    let [roll, pitch, yaw] = [0, 1, 2].map(|k| about(&Vector3::ith(k, 1.0)));
+                    let rows = [x_row, y_row, z_row, roll.0, pitch.0, yaw.0];
+                    self.step(&x, &rows, &[way.x, way.y, way.z, roll.1, pitch.1, yaw.1], &gradient)?
+                }
+                Some(axis) => {
+                    let axis = hand.rotation * axis;
+                    let across = perpendicular(&axis);
+                    let [one, two] = [about(&across), about(&axis.cross(&across))];
+                    let rows = [x_row, y_row, z_row, one.0, two.0];
+                    self.step(&x, &rows, &[way.x, way.y, way.z, one.1, two.1], &gradient)?
+                }
             };
             if step[..n].iter().any(|s| s.is_nan() || s.abs() > 2.0 * JUMP) {
                 return None;
@@ -179,6 +204,15 @@ impl<'p> Follower<'p> {
             }
         }
         None
+    }
+
+    /// Returns the smallest step with `rows . step = values` within joint limits.
+    fn step<const M: usize>(&mut self, x: &Row, rows: &[Row; M], values: &[f64; M], gradient: &Row) -> Option<Row> {
+        // In most steps no joint reaches a limit, so equalities suffice.
+        match smallest_step(self.model.n(), rows, values, gradient) {
+            Some(step) if self.within_limits(x, &step) => Some(step),
+            _ => self.limited_step(x, rows, values, gradient),
+        }
     }
 
     /// Returns how far joint `v` may move from `x` in both directions while it keeps a margin to its limits. The value
@@ -195,9 +229,9 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// Returns the smallest step with `rows . step = values` within joint limits. With fewer than six joints, the rows
-    /// are dependent and contradict each other by rounding, so the step with the smallest error is returned.
-    fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
+    /// Returns the same step as [`Follower::step`] for joints near their limits. With fewer joints than rows, the rows are
+    /// dependent and contradict each other by rounding, so the step with the smallest error is returned.
+    fn limited_step(&mut self, x: &Row, rows: &[Row], values: &[f64], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
         let few = n < rows.len();
         let mut hessian = [[0.0; MAX_JOINTS]; MAX_JOINTS];
@@ -228,6 +262,28 @@ impl<'p> Follower<'p> {
         }
     }
 
+    /// Returns the name of the joint that is closest to a limit at `x` and the limit, if it is close.
+    pub fn limit_at(&self, x: &Row) -> Option<String> {
+        let limits = (0..self.model.n())
+            .flat_map(|v| [(v, "lower", self.model.lower[v]), (v, "upper", self.model.upper[v])])
+            .map(|(v, end, limit)| ((x[v] - limit).abs(), v, end, limit));
+        let nearest = limits.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(off, ..)| *off < AT_LIMIT);
+        nearest.map(|(_, v, end, limit)| {
+            let joint = &self.robot.joints()[self.model.map().indices()[v]];
+            let unit = if joint.kind() == JointKind::Prismatic { "m" } else { "rad" };
+            format!("{} is at its {end} limit, {limit:.4} {unit}", joint.name())
+        })
+    }
+
+    /// Returns the direction and strength with which a joint makes use of redundancy: toward the posture, or away from
+    /// its limits.
+    fn push(&self, v: usize, x: &Row) -> f64 {
+        match &self.posture {
+            Some(posture) => (posture[v] - x[v]).clamp(-1.0, 1.0),
+            None => self.limit_push(v, x),
+        }
+    }
+
     /// Returns the strength with which a joint moves away from its limits; it grows near them and has a sign.
     fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
@@ -238,4 +294,23 @@ impl<'p> Follower<'p> {
         let u = (x[v] - 0.5 * (low + high)) / half;
         -u.powi(5) * half.min(1.0)
     }
+}
+
+/// Returns the translation (m) and rotation (rad) in the base frame from a hand pose to a goal. With a free axis of the
+/// hand frame, the rotation is the smallest one that brings this axis to its direction at the goal.
+pub(crate) fn left(goal: &Pose, hand: &Pose, free_axis: Option<&Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
+    let way = goal.translation.vector - hand.translation.vector;
+    let Some(axis) = free_axis else {
+        return (way, rotation_log(&(goal.rotation * hand.rotation.inverse())));
+    };
+    let (now, then) = (hand.rotation * axis, goal.rotation * axis);
+    let cross = now.cross(&then);
+    let (sin, cos) = (cross.norm(), now.dot(&then));
+    let about = if sin > 1e-9 { cross / sin } else { perpendicular(&now) };
+    (way, about * sin.atan2(cos))
+}
+
+/// Returns a unit vector perpendicular to a unit vector.
+fn perpendicular(to: &Vector3<f64>) -> Vector3<f64> {
+    to.cross(&Vector3::ith(to.iamin(), 1.0)).normalize()
 }

@@ -79,6 +79,7 @@ mod model;
 mod motion;
 mod object_joint;
 pub mod options;
+mod parallel;
 mod plan;
 mod problem;
 pub mod qp;
@@ -97,14 +98,17 @@ pub use grasp::{Grasp, GraspOptions, GraspPlan, GraspTask, ParallelGripper};
 pub use model::{MAX_JOINTS, Row};
 pub use object_joint::{ObjectJoint, ObjectJointKind};
 pub use options::Options;
+pub use parallel::MAX_THREADS;
 pub use plan::{
-    Collision, Guess, IkSolution, KeyframeReport, Lack, MAX_CHECKS, MAX_THREADS, Outcome, Plan, Request, Residual,
-    StageTimes, Status, Tight, Touch, TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed,
-    plan_with,
+    Collision, Guess, IkSolution, KeyframeReport, Lack, MAX_CHECKS, Outcome, Plan, Request, Residual, StageTimes,
+    Status, Tight, Touch, TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
 pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
-pub use transit::{Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
+pub use transit::{
+    Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, PathTolerance, TransitOptions, plan_along, plan_to,
+    plan_to_many, solutions,
+};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, LANES, Pose};
-use gensim2_kpam::{Cancel, Checker, GraspTask, IkOptions, Nearness, ProblemError, Scene, SceneJoint, TransitOptions};
+use gensim2_kpam::{Cancel, Checker, GraspTask, IkOptions, Nearness, PathTolerance, ProblemError, Scene, SceneJoint};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -13,10 +13,9 @@ use crate::errors::{from_problem, problem_error};
 use crate::geometry::{LONG, PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, keypoints, read_options};
+use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
 use crate::renamed;
-use crate::timing::PyTrajectory;
-use crate::transit::{Asked, PyMotion, limit_set};
+use crate::transit::{Arguments, PyMotion};
 
 /// Maximum number of configurations that are checked on the calling thread.
 const FEW: usize = 256;
@@ -216,63 +215,63 @@ impl PyScene {
 
     /// Plans a timed motion from `q_start` to rest at one of the goals that keeps `margin` (m) from all obstacles:
     /// `goal` is (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame.
-    #[pyo3(signature = (
-        q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
-        acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
-        jerk_limits = None, torque_limits = None, path = None, tool_keypoints = None, start_velocity = None,
-        start_acceleration = None, start_time = 0.0, warm_start = None, max_checks = None, deadline_ms = None,
-        cancel = None
-    ))]
-    #[allow(clippy::too_many_arguments)]
+    #[pyo3(
+        signature = (q_start, goal, **options),
+        text_signature = "($self, q_start, goal, *, link=None, margin=0.005, samples=100_000, seed=0, velocity_scale=1.0, acceleration_scale=1.0, limits=None, velocity_limits=None, acceleration_limits=None, jerk_limits=None, torque_limits=None, path=None, tool_keypoints=None, start_velocity=None, start_acceleration=None, start_time=0.0, warm_start=None, max_checks=None, deadline_ms=None, cancel=None)"
+    )]
     fn plan_to(
         &self,
         py: Python<'_>,
         q_start: &Bound<'_, PyAny>,
         goal: &Bound<'_, PyAny>,
-        link: Option<String>,
-        margin: f64,
-        samples: usize,
-        seed: usize,
-        velocity_scale: f64,
-        acceleration_scale: f64,
-        limits: Option<&str>,
-        velocity_limits: Option<&Bound<'_, PyAny>>,
-        acceleration_limits: Option<&Bound<'_, PyAny>>,
-        jerk_limits: Option<&Bound<'_, PyAny>>,
-        torque_limits: Option<&Bound<'_, PyAny>>,
-        path: Option<&Bound<'_, PySolverConfig>>,
-        tool_keypoints: Option<&Bound<'_, PyAny>>,
-        start_velocity: Option<&Bound<'_, PyAny>>,
-        start_acceleration: Option<&Bound<'_, PyAny>>,
-        start_time: f64,
-        warm_start: Option<&Bound<'_, PyTrajectory>>,
-        max_checks: Option<u64>,
-        deadline_ms: Option<f64>,
-        cancel: Option<&Bound<'_, PyCancel>>,
+        options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<PyMotion> {
-        let mut options = TransitOptions::default();
-        (options.margin, options.samples, options.seed) = (margin, samples, seed);
-        (options.velocity_scale, options.acceleration_scale) = (velocity_scale, acceleration_scale);
-        options.max_checks = max_checks;
-        options.limits = limits.map(limit_set).transpose()?;
-        let listed =
-            |list: Option<&Bound<'_, PyAny>>, field: &str| list.map(|list| convert::list(list, field)).transpose();
-        options.velocity_limits = listed(velocity_limits, "velocity_limits")?;
-        options.acceleration_limits = listed(acceleration_limits, "acceleration_limits")?;
-        options.jerk_limits = listed(jerk_limits, "jerk_limits")?;
-        options.torque_limits = listed(torque_limits, "torque_limits")?;
-        options.path = path.map(|config| config.get().0.clone());
-        options.tool_keypoints =
-            tool_keypoints.map(|map| keypoints(map, "tool_keypoints")).transpose()?.unwrap_or_default();
-        let joints = self.0.robot().joints().len();
-        let rates = |list: Option<&Bound<'_, PyAny>>, field: &str| {
-            list.map(|list| convert::vector(list, field, Some(joints))).transpose()
-        };
-        options.start_velocity = rates(start_velocity, "start_velocity")?;
-        options.start_acceleration = rates(start_acceleration, "start_acceleration")?;
-        options.start_time = start_time;
-        options.warm_start = warm_start.map(|motion| motion.get().0.clone());
-        self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
+        let arguments = Arguments::read(options, self.0.robot().joints().len(), &[])?;
+        self.motion_to(py, q_start, goal, arguments)
+    }
+
+    /// Plans a motion for each pair of `q_starts` and `goals` on `threads` threads, 1 to 256 (default: number of cores).
+    /// The other arguments are those of `plan_to`, and the results are the same.
+    #[pyo3(
+        signature = (q_starts, goals, *, threads = None, **options),
+        text_signature = "($self, q_starts, goals, *, threads=None, **options)"
+    )]
+    fn plan_to_many(
+        &self,
+        py: Python<'_>,
+        q_starts: Vec<Bound<'_, PyAny>>,
+        goals: Vec<Bound<'_, PyAny>>,
+        threads: Option<usize>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Vec<PyMotion>> {
+        let arguments = Arguments::read(options, self.0.robot().joints().len(), &[])?;
+        self.motions_to(py, &q_starts, &goals, threads, arguments)
+    }
+
+    /// Plans a timed motion from rest at `q_start` along straight lines of the hand through `poses`, each (4, 4) in the
+    /// base frame, within a tolerance. The hand may rotate about `free_axis` (3,), a direction of the hand frame.
+    #[pyo3(
+        signature = (q_start, poses, *, position_tolerance = 0.001, rotation_tolerance = 0.01, free_axis = None, **options),
+        text_signature = "($self, q_start, poses, *, position_tolerance=0.001, rotation_tolerance=0.01, free_axis=None, margin=0.005, seed=0, velocity_scale=1.0, acceleration_scale=1.0, limits=None, velocity_limits=None, acceleration_limits=None, jerk_limits=None, torque_limits=None, start_time=0.0, max_checks=None, deadline_ms=None, cancel=None)"
+    )]
+    #[allow(clippy::too_many_arguments)]
+    fn plan_along(
+        &self,
+        py: Python<'_>,
+        q_start: &Bound<'_, PyAny>,
+        poses: Vec<Bound<'_, PyAny>>,
+        position_tolerance: f64,
+        rotation_tolerance: f64,
+        free_axis: Option<&Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<PyMotion> {
+        let unknown =
+            ["link", "samples", "path", "tool_keypoints", "start_velocity", "start_acceleration", "warm_start"];
+        let arguments = Arguments::read(options, self.0.robot().joints().len(), &unknown)?;
+        let mut tolerance = PathTolerance::default();
+        (tolerance.position, tolerance.rotation) = (position_tolerance, rotation_tolerance);
+        tolerance.free_axis = free_axis.map(|axis| convert::vector3(axis, "free_axis")).transpose()?;
+        self.motion_along(py, q_start, poses, tolerance, arguments)
     }
 
     /// Returns at most `max_solutions` distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose

@@ -2,14 +2,18 @@
 
 use std::time::Duration;
 
+use gensim2_geometry::Pose;
 use gensim2_kpam::options::LimitSet;
-use gensim2_kpam::{Cancel, Goal, Motion, NoMotion, TransitOptions};
+use gensim2_kpam::{Cancel, Goal, Motion, NoMotion, PathTolerance, TransitOptions};
+use pyo3::conversion::FromPyObjectOwned;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 
 use crate::convert;
 use crate::errors::{from_problem, problem_error};
 use crate::interrupt::interruptible;
+use crate::problem::{PySolverConfig, keypoints};
 use crate::scene::{PyCancel, PyScene};
 use crate::timing::PyTrajectory;
 
@@ -24,7 +28,7 @@ impl PyMotion {
             Ok(_) => "solved",
             Err(NoMotion::StartBlocked(_)) => "start_blocked",
             Err(NoMotion::GoalsBlocked(_)) => "goals_blocked",
-            Err(NoMotion::Unreachable) => "unreachable",
+            Err(NoMotion::Unreachable | NoMotion::OffPath { .. }) => "unreachable",
             Err(NoMotion::Untimed) => "untimed",
             Err(NoMotion::CannotStop(..)) => "cannot_stop",
             Err(NoMotion::Late) => "late",
@@ -118,30 +122,113 @@ impl PyMotion {
 
 /// Reads joint vectors (n,) or (K, n), or a pose (4, 4) with its link. For a robot with four joints, a rigid transform
 /// is a pose.
-fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyResult<Goal> {
-    let (values, shape) = convert::numbers(goal, "goal")?;
+fn goal_of(goal: &Bound<'_, PyAny>, field: &str, joints: usize, link: Option<String>) -> PyResult<Goal> {
+    let (values, shape) = convert::numbers(goal, field)?;
     match (shape.as_slice(), link) {
-        ([4, 4], link) if link.is_some() || joints != 4 || convert::pose(goal, "goal").is_ok() => {
-            Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link })
+        ([4, 4], link) if link.is_some() || joints != 4 || convert::pose(goal, field).is_ok() => {
+            Ok(Goal::Pose { pose: convert::pose(goal, field)?, link })
         }
         ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
         ([k, n], None) if *n == joints && *k > 0 => {
             Ok(Goal::Joints(values.chunks_exact((*n).max(1)).map(<[f64]>::to_vec).collect()))
         }
         _ => Err(problem_error(
-            "goal",
+            field,
             format!("must have shape ({joints},) or (K, {joints}), or (4, 4) of a link, not {shape:?}"),
         )),
     }
 }
 
-/// Arguments of `Scene.plan_to`, converted from Python.
-pub(crate) struct Asked<'a, 'py> {
-    pub goal: &'a Bound<'py, PyAny>,
-    pub link: Option<String>,
-    pub deadline_ms: Option<f64>,
-    pub cancel: Option<&'a Bound<'py, PyCancel>>,
-    pub options: TransitOptions,
+/// Keyword arguments that the functions for motions share.
+#[derive(Default)]
+pub(crate) struct Arguments {
+    link: Option<String>,
+    options: TransitOptions,
+}
+
+impl Arguments {
+    /// Reads keyword arguments for a robot. A name in `unknown` is refused like any other unknown name.
+    pub fn read(given: Option<&Bound<'_, PyDict>>, joints: usize, unknown: &[&str]) -> PyResult<Self> {
+        let mut out = Self::default();
+        let options = &mut out.options;
+        for (key, value) in given.into_iter().flatten() {
+            let (key, value): (String, _) = (key.extract()?, &value);
+            let key = key.as_str();
+            let given = || Some(value).filter(|value| !value.is_none());
+            let listed = || given().map(|list| convert::list(list, key)).transpose();
+            let rates = || given().map(|list| convert::vector(list, key, Some(joints))).transpose();
+            match key {
+                _ if unknown.contains(&key) => return Err(unexpected(key)),
+                "link" => out.link = argument(key, value)?,
+                "margin" => options.margin = argument(key, value)?,
+                "samples" => options.samples = argument(key, value)?,
+                "seed" => options.seed = argument(key, value)?,
+                "velocity_scale" => options.velocity_scale = argument(key, value)?,
+                "acceleration_scale" => options.acceleration_scale = argument(key, value)?,
+                "limits" => {
+                    let name: Option<String> = argument(key, value)?;
+                    options.limits = name.as_deref().map(limit_set).transpose()?;
+                }
+                "velocity_limits" => options.velocity_limits = listed()?,
+                "acceleration_limits" => options.acceleration_limits = listed()?,
+                "jerk_limits" => options.jerk_limits = listed()?,
+                "torque_limits" => options.torque_limits = listed()?,
+                "path" => {
+                    let config: Option<Py<PySolverConfig>> = argument(key, value)?;
+                    options.path = config.map(|config| config.get().0.clone());
+                }
+                "tool_keypoints" => {
+                    options.tool_keypoints = given().map(|map| keypoints(map, key)).transpose()?.unwrap_or_default();
+                }
+                "start_velocity" => options.start_velocity = rates()?,
+                "start_acceleration" => options.start_acceleration = rates()?,
+                "start_time" => options.start_time = argument(key, value)?,
+                "warm_start" => {
+                    let motion: Option<Py<PyTrajectory>> = argument(key, value)?;
+                    options.warm_start = motion.map(|motion| motion.get().0.clone());
+                }
+                "max_checks" => options.max_checks = argument(key, value)?,
+                "deadline_ms" => {
+                    let limit: Option<f64> = argument(key, value)?;
+                    options.deadline = limit.map(deadline).transpose()?;
+                }
+                "cancel" => {
+                    let flag: Option<Py<PyCancel>> = argument(key, value)?;
+                    options.cancel = flag.map(|flag| flag.get().0.clone());
+                }
+                _ => return Err(unexpected(key)),
+            }
+        }
+        Ok(out)
+    }
+
+    /// Runs `work` on an interruptible thread with the options.
+    fn run<T: Send + 'static>(
+        mut self,
+        py: Python<'_>,
+        work: impl FnOnce(&TransitOptions) -> T + Send + 'static,
+    ) -> PyResult<T> {
+        let cancel = self.options.cancel.get_or_insert_with(Cancel::new).clone();
+        interruptible(py, cancel, move |_| work(&self.options))
+    }
+}
+
+fn unexpected(key: &str) -> PyErr {
+    PyTypeError::new_err(format!("got an unexpected keyword argument '{key}'"))
+}
+
+/// Converts the value of a keyword argument.
+fn argument<'py, T: FromPyObjectOwned<'py>>(key: &str, value: &Bound<'py, PyAny>) -> PyResult<T> {
+    value.extract::<T>().map_err(|e| {
+        let e: PyErr = e.into();
+        PyTypeError::new_err(format!("argument '{key}': {}", e.value(value.py())))
+    })
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let clock = cpu_time::ThreadTime::now();
+    let found = work();
+    (found, 1e3 * clock.elapsed().as_secs_f64())
 }
 
 impl PyScene {
@@ -149,22 +236,59 @@ impl PyScene {
         &self,
         py: Python<'_>,
         q_start: &Bound<'_, PyAny>,
-        asked: Asked<'_, '_>,
+        goal: &Bound<'_, PyAny>,
+        mut arguments: Arguments,
     ) -> PyResult<PyMotion> {
         let joints = self.0.robot().joints().len();
         let q_start = convert::vector(q_start, "q_start", Some(joints))?;
-        let goal = goal_of(asked.goal, joints, asked.link)?;
-        let cancel = asked.cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
-        let mut options = asked.options;
-        options.cancel = Some(cancel.clone());
-        options.deadline = asked.deadline_ms.map(deadline).transpose()?;
+        let goal = goal_of(goal, "goal", joints, arguments.link.take())?;
         let scene = self.0.clone();
-        let (found, time) = interruptible(py, cancel, move |_| {
-            let clock = cpu_time::ThreadTime::now();
-            let found = gensim2_kpam::plan_to(&scene, &q_start, &goal, &options);
-            (found, clock.elapsed().as_secs_f64())
+        let (found, time) =
+            arguments.run(py, move |options| timed(|| gensim2_kpam::plan_to(&scene, &q_start, &goal, options)))?;
+        found.map(|m| PyMotion(m, time)).map_err(|e| from_problem(&e))
+    }
+
+    pub(crate) fn motions_to(
+        &self,
+        py: Python<'_>,
+        q_starts: &[Bound<'_, PyAny>],
+        goals: &[Bound<'_, PyAny>],
+        threads: Option<usize>,
+        mut arguments: Arguments,
+    ) -> PyResult<Vec<PyMotion>> {
+        let joints = self.0.robot().joints().len();
+        if q_starts.len() != goals.len() {
+            let message = format!("has {} entries, but q_starts has {}", goals.len(), q_starts.len());
+            return Err(problem_error("goals", message));
+        }
+        let link = arguments.link.take();
+        let pairs = q_starts.iter().zip(goals).enumerate().map(|(k, (q_start, goal))| {
+            let q_start = convert::vector(q_start, &format!("q_starts[{k}]"), Some(joints))?;
+            Ok((q_start, goal_of(goal, &format!("goals[{k}]"), joints, link.clone())?))
+        });
+        let pairs: Vec<(Vec<f64>, Goal)> = pairs.collect::<PyResult<_>>()?;
+        let scene = self.0.clone();
+        let found = arguments.run(py, move |options| gensim2_kpam::plan_to_many(&scene, &pairs, options, threads))?;
+        let found = found.map_err(|e| from_problem(&e))?;
+        Ok(found.into_iter().map(|(motion, time)| PyMotion(motion, 1e3 * time)).collect())
+    }
+
+    pub(crate) fn motion_along(
+        &self,
+        py: Python<'_>,
+        q_start: &Bound<'_, PyAny>,
+        poses: Vec<Bound<'_, PyAny>>,
+        tolerance: PathTolerance,
+        arguments: Arguments,
+    ) -> PyResult<PyMotion> {
+        let q_start = convert::vector(q_start, "q_start", Some(self.0.robot().joints().len()))?;
+        let poses = poses.iter().enumerate().map(|(k, pose)| convert::pose(pose, &format!("poses[{k}]")));
+        let poses: Vec<Pose> = poses.collect::<PyResult<_>>()?;
+        let scene = self.0.clone();
+        let (found, time) = arguments.run(py, move |options| {
+            timed(|| gensim2_kpam::plan_along(&scene, &q_start, &poses, &tolerance, options))
         })?;
-        found.map(|m| PyMotion(m, 1e3 * time)).map_err(|e| from_problem(&e))
+        found.map(|m| PyMotion(m, time)).map_err(|e| from_problem(&e))
     }
 }
 

@@ -10,8 +10,8 @@ use crate::world::Hit;
 pub(super) struct PathEnd {
     /// Translation (m, base frame) by which the hand's origin still misses its goal.
     pub left: Vector3<f64>,
-    /// The joint that is at a limit, if any: name, "lower" or "upper", value of the limit, and unit.
-    pub limit: Option<(String, &'static str, f64, &'static str)>,
+    /// The joint that is at a limit, if any, and the limit.
+    pub limit: Option<String>,
 }
 
 impl PathEnd {
@@ -19,7 +19,7 @@ impl PathEnd {
         let [x, y, z] = [self.left.x, self.left.y, self.left.z];
         let left = format!("({x:.3}, {y:.3}, {z:.3}) m in the base frame remain");
         match &self.limit {
-            Some((joint, end, limit, unit)) => format!("{left}, and {joint} is at its {end} limit, {limit:.4} {unit}"),
+            Some(limit) => format!("{left}, and {limit}"),
             None => format!("{left}; no joint is at a limit: the arm is stretched or singular there"),
         }
     }

@@ -1,18 +1,14 @@
 //! Follows the hand paths before and after one candidate for the actuation pose.
 
-use gensim2_geometry::{JointKind, Pose};
+use gensim2_geometry::Pose;
 
 use super::attempt::Attempt;
 use super::failure::{Failure, PathEnd};
 use super::planner::Planner;
-use crate::hand_path::{Followed, LIMIT_MARGIN};
+use crate::hand_path::Followed;
 use crate::model::Row;
 use crate::motion::motions;
 use crate::world::{Margins, State, Way, World, even, travel_along, travel_over};
-
-/// If the hand cannot follow its path any further, a joint closer to its limit than this (rad or m) is reported as the
-/// reason. One step of the hand moves a joint by about this distance.
-const AT_LIMIT: f64 = 10.0 * LIMIT_MARGIN;
 
 impl Planner<'_> {
     /// Follows the hand paths from one actuation pose as far as the arm can. If `one_of_many` is set, stops at the
@@ -213,17 +209,7 @@ impl Planner<'_> {
     fn path_end(&mut self, waypoints: &[Row], goal: &Pose) -> PathEnd {
         let x = waypoints.last().copied().unwrap_or_else(|| self.model.start());
         let left = goal.translation.vector - self.follower.hand(&x).translation.vector;
-        let joints = self.problem.robot.joints();
-        let limits = (0..self.model.n())
-            .flat_map(|v| [(v, "lower", self.model.lower[v]), (v, "upper", self.model.upper[v])])
-            .map(|(v, end, limit)| ((x[v] - limit).abs(), v, end, limit));
-        let nearest = limits.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(off, ..)| *off < AT_LIMIT);
-        let limit = nearest.map(|(_, v, end, limit)| {
-            let joint = &joints[self.model.map().indices()[v]];
-            let unit = if joint.kind() == JointKind::Prismatic { "m" } else { "rad" };
-            (joint.name().to_owned(), end, limit, unit)
-        });
-        PathEnd { left, limit }
+        PathEnd { left, limit: self.follower.limit_at(&x) }
     }
 
     /// Subtracts whole turns of an unlimited joint if the motion would begin more than half a turn from the start, so

@@ -20,6 +20,7 @@ use crate::actuation::ActuationSearch;
 use crate::cancel::end_of;
 use crate::fingers::resting_joints;
 use crate::model::{Model, Row};
+use crate::parallel::in_parallel;
 use crate::resolve::Resolved;
 use crate::world::Schedule;
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
@@ -330,11 +331,8 @@ pub struct IkSolution {
     pub cost: f64,
 }
 
-/// Maximum number of threads of [`plan_batch`].
-pub const MAX_THREADS: usize = 256;
-
-/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`]; `None` uses one thread for each processor core. Each
-/// result equals that of [`plan_timed`].
+/// Plans many problems on `threads` threads, 1 to [`MAX_THREADS`](crate::MAX_THREADS); `None` uses one thread for each
+/// processor core. Each result equals that of [`plan_timed`].
 ///
 /// # Errors
 /// The number of threads is out of range, or threads cannot be started.
@@ -343,18 +341,7 @@ pub fn plan_batch(
     threads: Option<usize>,
     cancel: &Cancel,
 ) -> Result<Vec<(Plan, StageTimes)>, ProblemError> {
-    use rayon::prelude::*;
-    if let Some(count) = threads
-        && !(1..=MAX_THREADS).contains(&count)
-    {
-        return Err(ProblemError::new("threads", format!("must be 1 to {MAX_THREADS}, not {count}")));
-    }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(cores).min(MAX_THREADS).min(problems.len()).max(1))
-        .build()
-        .map_err(|e| ProblemError::new("threads", format!("cannot be started: {e}")))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))
+    in_parallel(problems, threads, |p| plan_timed(p, cancel))
 }
 
 fn refused(lack: Lack, reason: String) -> Plan {

@@ -92,7 +92,7 @@ impl<'p> Planner<'p> {
             problem,
             model,
             resolved,
-            follower: Follower::new(problem, model, over.clone()),
+            follower: Follower::new(&problem.robot, model, over.clone()),
             over,
             world,
             start,

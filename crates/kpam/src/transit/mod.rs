@@ -1,6 +1,7 @@
 //! Plans collision-free motions from one joint vector to one of several goals. Each motion is timed, keeps a clearance,
 //! and is proven collision-free along its whole length.
 
+mod along_poses;
 mod between;
 mod field;
 mod goal;
@@ -21,10 +22,12 @@ use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
 use crate::error::finite;
 use crate::model::{MAX_JOINTS, Model, Row};
+use crate::parallel::in_parallel;
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{CONTACT, Close};
 use crate::{Cancel, ProblemError, Scene, Trajectory};
 
+pub use along_poses::{PathTolerance, plan_along};
 use field::{Ending, Field, RESOLUTION};
 pub use goal::Goal;
 pub(crate) use goal::check_others;
@@ -90,40 +93,52 @@ pub fn plan_to(
     options: &TransitOptions,
 ) -> Result<Result<Motion, NoMotion>, ProblemError> {
     let begun = Instant::now();
-    options.check()?;
-    let robot = scene.robot();
     finite("q_start", q_start)?;
+    let robot = scene.robot();
     let model = Model::new(robot, q_start)?;
-    let start = model.start();
-    within_limits(&model, "q_start", &start)?;
-    let mut along = Along::of(options.path.as_ref(), scene, &options.tool_keypoints)?;
-    let deadline = end_of(begun, options.deadline);
-    let over = options.cancel.clone().unwrap_or_default().until(deadline);
-    let ending = Ending { cancel: options.cancel.clone(), deadline, max_checks: options.max_checks };
-    let asked = options.limits();
-    asked.check(robot, &model)?;
-    let goals = goal.joints(scene, &model, q_start, options, &over)?;
-    if goals.is_empty() {
-        return Ok(Err(ending.reason().unwrap_or(NoMotion::Unreachable)));
+    let mut transit = Transit::new(scene, &model, options, begun)?;
+    transit.goals = goal.joints(scene, &model, q_start, options, &transit.over)?;
+    if transit.goals.is_empty() {
+        return Ok(Err(transit.ending.reason().unwrap_or(NoMotion::Unreachable)));
     }
-    if let Some(along) = &mut along {
-        along.check(&model, "q_start", &start)?;
-        goals.iter().try_for_each(|x| along.check(&model, "goal", x))?;
+    if let Some(along) = &mut transit.along {
+        transit.goals.iter().try_for_each(|x| along.check(&model, "goal", x))?;
     }
-    let mut limits = Limits::asked(&model, &asked);
-    let dynamics = Dynamics::asked(robot, &model, &asked);
-    let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
-    let state = [start, rates(&options.start_velocity), rates(&options.start_acceleration)];
-    let is_moving = state[1..].iter().flatten().any(|v| *v != 0.0);
-    if is_moving {
-        let [position, velocity, acceleration] = &state;
-        if let Err(e) = can_stop(&limits, &model.lower, &model.upper, position, velocity, acceleration) {
+    if transit.is_moving {
+        let [position, velocity, acceleration] = &transit.state;
+        if let Err(e) = can_stop(&transit.limits, &model.lower, &model.upper, position, velocity, acceleration) {
             let joint = robot.joints()[model.map().indices()[e.joint]].name().to_owned();
             return Ok(Err(NoMotion::CannotStop(joint, e)));
         }
-        limits = limits.admitting(position, velocity, acceleration);
+        transit.limits = transit.limits.admitting(position, velocity, acceleration);
     }
-    Ok(Transit { scene, model: &model, options, state, is_moving, goals, ending, over, limits, dynamics, along }.plan())
+    Ok(transit.plan())
+}
+
+/// Plans a motion for each pair of a start and a goal, all with the same options, on `threads` threads, 1 to
+/// [`MAX_THREADS`](crate::MAX_THREADS); `None` uses one thread for each processor core. Each result equals that of
+/// [`plan_to`], and comes with the CPU time (s) that it took.
+///
+/// # Errors
+/// A start, a goal or an option is invalid, with the index of the first such pair in the name of the field; or the number
+/// of threads is out of range.
+pub fn plan_to_many(
+    scene: &Scene,
+    pairs: &[(Vec<f64>, Goal)],
+    options: &TransitOptions,
+    threads: Option<usize>,
+) -> Result<Vec<(Result<Motion, NoMotion>, f64)>, ProblemError> {
+    let found = in_parallel(pairs, threads, |(q_start, goal)| {
+        let clock = cpu_time::ThreadTime::now();
+        plan_to(scene, q_start, goal, options).map(|found| (found, clock.elapsed().as_secs_f64()))
+    })?;
+    let placed = |(k, found): (usize, Result<_, ProblemError>)| {
+        found.map_err(|e| {
+            let place = |name: &str| e.field.strip_prefix(name).map(|rest| format!("{name}s[{k}]{rest}"));
+            ProblemError::new(place("q_start").or_else(|| place("goal")).unwrap_or(e.field.clone()), e.message.clone())
+        })
+    };
+    found.into_iter().enumerate().map(placed).collect()
 }
 
 struct Transit<'a> {
@@ -152,15 +167,49 @@ enum Stuck {
     Over,
 }
 
+impl<'a> Transit<'a> {
+    /// Prepares planning from the start of a model, without goals.
+    fn new(
+        scene: &'a Scene,
+        model: &'a Model,
+        options: &'a TransitOptions,
+        begun: Instant,
+    ) -> Result<Self, ProblemError> {
+        options.check()?;
+        let start = model.start();
+        within_limits(model, "q_start", &start)?;
+        let mut along = Along::of(options.path.as_ref(), scene, &options.tool_keypoints)?;
+        if let Some(along) = &mut along {
+            along.check(model, "q_start", &start)?;
+        }
+        let deadline = end_of(begun, options.deadline);
+        let over = options.cancel.clone().unwrap_or_default().until(deadline);
+        let ending = Ending { cancel: options.cancel.clone(), deadline, max_checks: options.max_checks };
+        let asked = options.limits();
+        asked.check(scene.robot(), model)?;
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
+        let state = [start, rates(&options.start_velocity), rates(&options.start_acceleration)];
+        Ok(Self {
+            scene,
+            model,
+            options,
+            state,
+            is_moving: state[1..].iter().flatten().any(|v| *v != 0.0),
+            goals: Vec::new(),
+            ending,
+            over,
+            limits: Limits::asked(model, &asked),
+            dynamics: Dynamics::asked(scene.robot(), model, &asked),
+            along,
+        })
+    }
+}
+
 impl Transit<'_> {
     fn plan(self) -> Result<Motion, NoMotion> {
         let (world, robot) = (self.scene.compiled(), self.scene.robot());
         let margin = self.options.margin;
-        let told = |(group, other, distance): &(usize, Other, f64)| Approached {
-            bodies: world.named(self.scene, *group, *other),
-            distance: *distance,
-        };
-        let overlap = |close: &Close| close.iter().find(|c| c.2 < -CONTACT).map(told);
+        let overlap = |close: &Close| close.iter().find(|c| c.2 < -CONTACT).map(|c| self.approached(c));
         let at_start = self.close(&self.state[0]);
         if let Some(hit) = overlap(&at_start) {
             return Err(NoMotion::StartBlocked(hit));
@@ -196,20 +245,7 @@ impl Transit<'_> {
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
         field.along.clone_from(&self.along);
         let told_of = |field: &Field<'_>, trajectory: Trajectory, way: &[Row], number: usize, close: &Close| {
-            let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
-            near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
-            near.dedup_by(|b, a| a.bodies == b.bodies);
-            let corners = way.iter().map(|x| self.full(x)).collect();
-            let limits = self.options.limits();
-            Motion {
-                trajectory,
-                goal: number,
-                corners,
-                nearer: near,
-                checks: field.checks,
-                assumed_limits: assumed_limits(self.model, &limits),
-                warnings: warnings(self.scene.robot(), self.model, &limits),
-            }
+            self.motion(trajectory, way, number, at_start.iter().chain(close), field.checks)
         };
         let soonest = self.at_once(&mut field, &open, |close| nearer(&[&at_start, close], margin));
         if let Some((trajectory, k)) = soonest {
@@ -270,6 +306,35 @@ impl Transit<'_> {
             Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
             Some(Stuck::Off | Stuck::Over) | None => NoMotion::NotFound(None),
         }))
+    }
+
+    fn approached(&self, (group, other, distance): &(usize, Other, f64)) -> Approached {
+        Approached { bodies: self.scene.compiled().named(self.scene, *group, *other), distance: *distance }
+    }
+
+    /// Returns a proven motion with its facts. `way` are the vertices of its path, and `near` the pairs that are close to
+    /// each other at the start or at the goal.
+    fn motion<'c>(
+        &self,
+        trajectory: Trajectory,
+        way: &[Row],
+        goal: usize,
+        near: impl Iterator<Item = &'c (usize, Other, f64)>,
+        checks: u64,
+    ) -> Motion {
+        let mut nearer: Vec<Approached> = near.map(|c| self.approached(c)).collect();
+        nearer.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
+        nearer.dedup_by(|b, a| a.bodies == b.bodies);
+        let limits = self.options.limits();
+        Motion {
+            trajectory,
+            goal,
+            corners: way.iter().map(|x| self.full(x)).collect(),
+            nearer,
+            checks,
+            assumed_limits: assumed_limits(self.model, &limits),
+            warnings: warnings(self.scene.robot(), self.model, &limits),
+        }
     }
 
     fn full(&self, x: &Row) -> Vec<f64> {

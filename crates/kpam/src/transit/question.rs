@@ -104,7 +104,7 @@ pub struct Approached {
 pub struct Motion {
     /// The motion, which begins at the start time.
     pub trajectory: Trajectory,
-    /// Index, in the list of goals, of the goal at which the motion ends.
+    /// Index, in the list of goals or poses, of the goal at which the motion ends.
     pub goal: usize,
     /// Vertices of the path that the motion follows; each vertex has one entry for each joint.
     pub corners: Vec<Vec<f64>>,
@@ -144,6 +144,30 @@ pub enum NoMotion {
     Unreachable,
     /// The samples or checks were used up; a motion may exist. Contains the last timed motion's obstacle.
     NotFound(Option<Approached>),
+    /// The hand cannot follow the line to the pose with this index beyond this fraction of the line; contains the joint
+    /// that is at a limit, if any.
+    OffPath {
+        /// Index of the pose.
+        pose: usize,
+        /// Fraction of the line to the pose, 0 to 1.
+        share: f64,
+        /// Name of the joint, and the limit at which it is.
+        limit: Option<String>,
+    },
+    /// The timed motion exceeds the tolerance on the line to the pose with this index.
+    OffTolerance {
+        /// Index of the pose.
+        pose: usize,
+        /// Fraction of the line to the pose, 0 to 1.
+        share: f64,
+    },
+    /// These bodies are too close on the line to the pose with this index.
+    PathBlocked {
+        /// Index of the pose.
+        pose: usize,
+        /// The bodies and their distance.
+        pair: Approached,
+    },
     /// A free path was found, but no motion along it within the limits of velocity, acceleration, jerk and torque.
     Untimed,
     /// No motion from the start state stays within a joint's limits; contains the joint's name and the reason.
@@ -171,6 +195,16 @@ impl std::fmt::Display for NoMotion {
                     told(a)
                 )
             }
+            Self::OffPath { pose, share, limit } => {
+                let why = limit.as_deref().unwrap_or("no joint is at a limit: the arm is stretched or singular there");
+                write!(f, "the hand covers only {:.0} % of the line to poses[{pose}]: {why}", 100.0 * share)
+            }
+            Self::OffTolerance { pose, share } => write!(
+                f,
+                "the motion exceeds the tolerance at {:.0} % of the line to poses[{pose}]; increase the tolerance",
+                100.0 * share
+            ),
+            Self::PathBlocked { pose, pair } => write!(f, "on the line to poses[{pose}], {} are too close", told(pair)),
             Self::Untimed => {
                 write!(f, "a collision-free path was found, but no motion along it keeps the joint limits")
             }
