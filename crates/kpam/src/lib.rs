@@ -108,7 +108,7 @@ pub use refine::{RefineOptions, Refined, refine};
 pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
 pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use transit::{
-    Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, PathTolerance, TransitOptions, plan_along, plan_to,
-    plan_to_many, solutions,
+    Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, PathTolerance, TimedMotion, TransitOptions,
+    plan_along, plan_to, plan_to_many, solutions,
 };
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

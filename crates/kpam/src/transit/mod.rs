@@ -115,6 +115,9 @@ pub fn plan_to(
     Ok(transit.plan())
 }
 
+/// A motion, or the reason why there is none, and the CPU time (s) of planning.
+pub type TimedMotion = (Result<Motion, NoMotion>, f64);
+
 /// Plans a motion for each pair of a start and a goal, all with the same options, on `threads` threads, 1 to
 /// [`MAX_THREADS`](crate::MAX_THREADS); `None` uses one thread for each processor core. Each result equals that of
 /// [`plan_to`], and comes with the CPU time (s) that it took.
@@ -127,7 +130,7 @@ pub fn plan_to_many(
     pairs: &[(Vec<f64>, Goal)],
     options: &TransitOptions,
     threads: Option<usize>,
-) -> Result<Vec<(Result<Motion, NoMotion>, f64)>, ProblemError> {
+) -> Result<Vec<TimedMotion>, ProblemError> {
     let found = in_parallel(pairs, threads, |(q_start, goal)| {
         let clock = cpu_time::ThreadTime::now();
         plan_to(scene, q_start, goal, options).map(|found| (found, clock.elapsed().as_secs_f64()))
