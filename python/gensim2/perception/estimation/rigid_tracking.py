@@ -40,7 +40,7 @@ it is connected to other points, or it does not reach down to the table.
 """
 DROPPED_ERROR = 0.006
 """Maximum mean distance (m) of points from the surface of an object that was released into a container."""
-FARTHEST_DROP = 0.25
+FARTHEST_DROP = 0.12
 """Maximum horizontal distance (m) of a released object from the place of the release."""
 EXCESS = 0.015
 """Maximum excess (m) of a cluster's dimensions over the dimensions of a released object."""
@@ -117,7 +117,8 @@ class RigidTracker:
             if name == self.held or (name not in self._loose and self._is_unmoved(name, points[own < 0])):
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
-        self._place(sought, points, on_articulated, changed, own)
+        self._place([name for name in sought if name not in self._loose], points, on_articulated, changed, own)
+        self._place([name for name in sought if name in self._loose], points, on_articulated, changed, own, 0.0)
         for name in [each for each in sought if each in self._loose]:
             if self._settle(name, points, changed & (own < 0)):
                 self._claim(name, points, own)
@@ -150,8 +151,14 @@ class RigidTracker:
         on_articulated: Mask,
         changed: Mask,
         own: npt.NDArray[np.int64],
+        most: float = np.inf,
     ) -> None:
-        """Assign the clusters of the cloud to objects, and fit the objects to their clusters."""
+        """Assign the clusters of the cloud to objects, and fit the objects to their clusters. Clusters whose additional
+        cost exceeds ``most`` are left out: a released object that does not stand on the table has moved little, and
+        :meth:`_settle` looks for it near the place of the release.
+        """
+        if not names:
+            return
         free = np.flatnonzero(own < 0)
         found = [free[rows] for rows in clusters(points[free])]
         whole = len(found)
@@ -169,6 +176,8 @@ class RigidTracker:
         if self._past is not None:
             kept = [number for number, rows in enumerate(found) if changed[rows].mean() >= CHANGED_SHARE]
             found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
+        found = [rows for rows, penalty in zip(found, penalties, strict=True) if penalty <= most]
+        penalties = [penalty for penalty in penalties if penalty <= most]
         shapes = {name: self.shapes[name] for name in names}
         for name, (column, number) in assigned(shapes, [points[rows] for rows in found], penalties).items():
             self.found[name] = fitted(self.shapes[name], points[found[column]], number)
@@ -191,9 +200,10 @@ class RigidTracker:
             if (np.sort(np.ptp(part, axis=0)) > limit).any():
                 continue
             fit = _displaced(before, part)
-            drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
-            if fit.error <= DROPPED_ERROR and np.linalg.norm(drop) <= FARTHEST_DROP:
-                fits.append((-len(part), fit))
+            drop = fit.T_world_object[:3, 3] - before.T_world_object[:3, 3]
+            away = float(np.linalg.norm(drop[:2]))
+            if fit.error <= DROPPED_ERROR and away <= FARTHEST_DROP and drop[2] <= EXCESS:
+                fits.append((away, fit))
         if fits:
             self.found[name] = min(fits, key=lambda each: each[0])[1]
             self._loose.discard(name)
