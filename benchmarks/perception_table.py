@@ -5,13 +5,14 @@
 
 A file is a result of ``gensim2 perceive measure builtin``, or of ``gensim2 benchmark`` with ``--scene perceived`` or on
 the true scene. The results are stored in ``perception.json`` in this folder. The tables are in
-docs/results/perception.md.
+docs/results/perception.md and docs/results/perceived_tasks.md.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ from markdown_tables import Row, fill, markdown_table, take_in
 
 from gensim2.cli.perceive import error_cells
 from gensim2.rollout.tally import interval
+from gensim2.tasks.library import load_task
 
 FIGURES = Path(__file__).with_name("perception.json")
-PAGE = Path(__file__).parents[1] / "docs/results/perception.md"
+_RESULTS = Path(__file__).parents[1] / "docs/results"
+PAGES = (_RESULTS / "perception.md", _RESULTS / "perceived_tasks.md")
 MARKED = re.compile(r"(<!-- perception: (\w+) -->\n).*?(<!-- /perception -->)", re.DOTALL)
 ALL, GIVEN = "all, class estimated", "all, class given"
 OBJECTS = ("generated", "real")
@@ -133,9 +136,14 @@ def calibration(rows: Sequence[Row]) -> str:
     return markdown_table(["objects, depth", "openness", "axis position", "keypoints"], found)
 
 
-def tasks(rows: Sequence[Row]) -> str:
-    """Return a table with the successful episodes of each task, and the success rates over all tasks."""
-    names = sorted({row["name"] for row in _of(rows, "task") if row["scene"] == "perceived"})
+def tasks(rows: Sequence[Row], *, long: bool = False) -> str:
+    """Return a table with the successful episodes of each task, and the success rates over all tasks.
+
+    Args:
+        rows: all stored rows.
+        long: whether the table has the tasks with several steps, or those with one step.
+    """
+    names = sorted({row["name"] for row in _tasks(rows, long) if row["scene"] == "perceived"})
     known = {(row["name"], row["scene"], row["objects"], row["noise"]): row for row in _of(rows, "task")}
     columns = [(head, key) for head, key in COLUMNS if any((name, *key) in known for name in names)]
     counted = [
@@ -145,10 +153,15 @@ def tasks(rows: Sequence[Row]) -> str:
     return markdown_table(["task", *(head for head, _ in columns)], [*counted, ["all", *map(_rate, sums)]])
 
 
-def causes(rows: Sequence[Row]) -> str:
-    """Return a table of the causes of failure on estimated scenes."""
+def causes(rows: Sequence[Row], *, long: bool = False) -> str:
+    """Return a table of the causes of failure on estimated scenes.
+
+    Args:
+        rows: all stored rows.
+        long: whether the table has the tasks with several steps, or those with one step.
+    """
     found = []
-    for row in _of(rows, "task"):
+    for row in _tasks(rows, long):
         if row["scene"] == "perceived" and row["held"] < row["episodes"]:
             counted = ", ".join(f"{count} {cause}" for cause, count in row["causes"].items())
             found.append((row["name"], _shown(row), f"{row['held']} of {row['episodes']}", counted))
@@ -158,7 +171,9 @@ def causes(rows: Sequence[Row]) -> str:
 def aims(rows: Sequence[Row]) -> str:
     """Return a table of the aims on generated objects with exact depth, beside the measured values."""
     known = {row["name"]: row for row in _of(rows, "estimates") if (row["objects"], row["noise"]) == AIMED}
-    held = [row for row in _of(rows, "task") if (row["scene"], row["objects"], row["noise"]) == ("perceived", *AIMED)]
+    held = [
+        row for row in _tasks(rows, long=False) if (row["scene"], row["objects"], row["noise"]) == ("perceived", *AIMED)
+    ]
     found = []
     for name, aim, scale, digits in AIMS:
         cells = []
@@ -191,6 +206,11 @@ def _of(rows: Sequence[Row], what: str) -> list[Row]:
     return [row for row in rows if row["what"] == what]
 
 
+def _tasks(rows: Sequence[Row], long: bool) -> list[Row]:
+    """Return the rows of tasks with several steps (``long``), or with one step."""
+    return [row for row in _of(rows, "task") if (len(load_task(row["name"]).steps) > 1) == long]
+
+
 def _count(row: Row) -> str:
     return f"{row['held']}/{row['episodes']}"
 
@@ -211,8 +231,10 @@ def main() -> None:
         "calibration": calibration,
         "tasks": tasks,
         "causes": causes,
+        "long": partial(tasks, long=True),
+        "long_causes": partial(causes, long=True),
     }
-    fill((PAGE,), MARKED, makers, rows)
+    fill(PAGES, MARKED, makers, rows)
 
 
 if __name__ == "__main__":
