@@ -24,8 +24,9 @@ from gensim2.instructions.vocabulary import (
     statement_verbs,
 )
 
-_STRONG = frozenset(".!?;:")
-_STOPS = _STRONG | {","}
+#: Punctuation marks that end a sentence or a main part of it.
+MARKS = frozenset(".!?;:")
+_STOPS = MARKS | {","}
 _OBLIGATIONS = frozenset(("must", "should", "ought", "shall", "better"))
 _WISHES = frozenset(("want", "wants", "need", "needs", "like", "love", "prefer", "wish", "require", "requires"))
 #: Words that can follow the object of a wish such as "I need the box for my books".
@@ -92,7 +93,7 @@ class Asides:
             closing = self._closing(at, at)
             return at if self._demands(at, closing, finite) else closing
         if self._is_question(at):
-            return next(n for n in range(at, len(self.words)) if self.words[n] in _STRONG)
+            return next(n for n in range(at, len(self.words)) if self.words[n] in MARKS)
         if self._is_fragment(at) or self.words[at : at + 2] in (("what", "a"), ("what", "an")):
             return self._closing(at, at)
         return at
@@ -256,7 +257,7 @@ class Asides:
 
     def _is_question(self, at: int) -> bool:
         """Return whether a question about a state begins, such as "why is the box open?" or "is it late?"."""
-        stop = next((n for n in range(at, len(self.words)) if self.words[n] in _STRONG), len(self.words))
+        stop = next((n for n in range(at, len(self.words)) if self.words[n] in MARKS), len(self.words))
         word = self._word(at)
         if word == "how" and self._word(at + 1) in ("about", "come"):
             return False
@@ -296,7 +297,7 @@ class Asides:
         n = max(at, start + 1)
         while n < len(self.words):
             word = self.words[n]
-            if word in _STRONG:
+            if word in MARKS:
                 return n
             if word == "," and not self._continues(n + 1):
                 return n

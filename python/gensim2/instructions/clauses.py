@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gensim2.instructions import vocabulary
-from gensim2.instructions.asides import Asides
+from gensim2.instructions.asides import MARKS, Asides
 from gensim2.instructions.steps import Refusal, SentenceError
 from gensim2.instructions.vocabulary import MODIFIERS, PHRASES, WORDS, Action, Noun, Phrases, Words
 
@@ -135,6 +135,7 @@ class ClauseParser:
 
     def __init__(self, sentence: Words) -> None:
         self._words, self._at = sentence, 0
+        self._understood: dict[int, bool] = {}
         self._asides = Asides(sentence, self._asks)
 
     def clauses(self) -> list[Clause | Statement]:
@@ -157,7 +158,7 @@ class ClauseParser:
     def _read(self, found: list[Clause | Statement]) -> bool:
         """Read the next clause or statement, and return whether there is one."""
         follows = self._at > 0 and bool(found) and isinstance(found[-1], Clause)
-        follows &= self._word() not in (".", "!", "?", ";", ":")
+        follows &= self._word() not in MARKS
         self._skip(PHRASES["connectors"])
         if self._at == len(self._words):
             return False
@@ -229,6 +230,13 @@ class ClauseParser:
 
     def _asks(self, at: int) -> bool:
         """Return whether an instruction that the parser understands begins at a word."""
+        # Without this table, the time would double with every reason that follows an instruction.
+        if at not in self._understood:
+            self._understood[at] = self._reads_at(at)
+        return self._understood[at]
+
+    def _reads_at(self, at: int) -> bool:
+        """Try to read an instruction that begins at a word, and return whether that succeeds."""
         before, self._at = self._at, at
         try:
             self._skip(PHRASES["polite"], PHRASES["neutral"])
@@ -469,7 +477,7 @@ class ClauseParser:
 
     def _telegraphic(self, wanted: Mention) -> Clause | None:
         """Read a state directly behind an object, as in "lid down"."""
-        marks = (word for word in self._words[self._at :] if word in (".", "!", "?", ";", ":"))
+        marks = (word for word in self._words[self._at :] if word in MARKS)
         if next(marks, "") == "?" and "please" not in self._words:
             return None
         clause = Clause("", ("have",), objects=[wanted])

@@ -27,7 +27,7 @@ from gensim2.objects.words import Direction, articulated_classes, belongs, handl
 _ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}
 """States of an object in which a goal is already met."""
 
-FINAL = (Refusal.NEGATION, Refusal.ORDER, Refusal.NO_ROOM)
+FINAL = (Refusal.NEGATION, Refusal.ORDER)
 """Reasons of the grammar for which an instruction is refused without the sentence encoder."""
 
 MAX_CHARACTERS = 1000
@@ -145,10 +145,16 @@ class _Reading:
         return tuple(self._steps)
 
     def hear(self, statement: Statement) -> None:
-        """Remember the objects of a statement, because a later pronoun may refer to them."""
+        """Remember the objects of a statement, because a later pronoun may refer to them.
+
+        Raises:
+            SentenceError: another object was named before, and the sentence does not say what to do with that object.
+        """
         nouns = list(dict.fromkeys(each.noun for each in statement.mentions if each.noun is not None))
         # "The microwave has its door open" is about one object.
         named = [each for each in nouns if each.name != "door" or not any(_has(noun, "door") for noun in nouns)]
+        if self._topic is not None and named and named != [each.noun for each in self._topic.mentions]:
+            raise SentenceError(Refusal.INCOMPLETE, self._topic.text, "say what to do with the object")
         self._heard += named
         if named:
             self._group = named
