@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -84,6 +85,27 @@ def test_what_the_grammar_understands_or_cannot_do_is_not_recognized_anew(monkey
     with pytest.raises(SentenceError) as caught:
         parse("don't open the drawer")
     assert caught.value.reason == Refusal.NEGATION
+
+
+def test_the_guide_s_examples_of_refusals_have_their_reasons() -> None:
+    guide = (Path(__file__).parents[2] / "docs/guides/instructions.md").read_text()
+    rows = re.findall(r"^\| (`[A-Z_]+`.*?) \| (\".*) \|$", guide, re.M)
+    assert len(rows) == 8
+    for reasons, examples in rows:
+        allowed = re.findall(r"`([A-Z_]+)`", reasons)
+        for sentence in re.findall(r'"(.*?)"', examples):
+            if not {"ORDER", "NO_ROOM"} & {*allowed}:  # refused when the task is composed
+                with pytest.raises(SentenceError) as caught:
+                    parse(sentence)
+                assert caught.value.reason.name in allowed, sentence
+
+
+def test_a_sentence_is_recognized_only_as_a_whole() -> None:
+    (words, *_) = WORDS
+    answer, truncated = packaged().recognize([words, words + " now" * 140])
+    assert answer.is_request
+    assert (truncated.step, truncated.is_request) == (answer.step, False)
+    assert packaged().recognize([]) == []
 
 
 def test_a_refusal_names_the_extra_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,8 @@ QUERIES, VALUES, HIDDEN = 8, 48, 128
 """Number of attention queries, size of their values, and number of hidden units of the head."""
 LEAST_PROBABILITY = 0.4
 """Minimum probability of a request."""
+MAX_TOKENS = 128
+"""Maximum number of tokens of a sentence, with the two tokens that mark its beginning and its end."""
 MAX_BYTES = 4 * 2**20
 _REMEDY = "install gensim2 again"
 
@@ -118,7 +120,8 @@ class Recognized:
     Attributes:
         step: step that does the request.
         probability: its probability.
-        is_request: whether the request is probable enough, and more probable than a sentence without a request.
+        is_request: whether the request is probable enough, more probable than a sentence without a request, and read
+            from the whole sentence.
     """
 
     step: MoveJoint
@@ -171,32 +174,33 @@ class Recognizer:
                 remove(old)
 
     def recognize(self, sentences: Sequence[str]) -> list[Recognized]:
-        """Return the most probable request of each sentence.
+        """Return the most probable request of each sentence. A sentence that may have been truncated makes no request.
 
         Raises:
             MissingExtraError: the sentence encoder is not installed.
         """
+        if not sentences:
+            return []
+        tokens, mask = tokens_of(sentences)
         with torch.inference_mode():
-            actions, nouns = (each.softmax(1) for each in self.head(*tokens_of(sentences)))
+            actions, nouns = (each.softmax(1) for each in self.head(tokens, mask))
         joint = actions[:, [each.action for each in self.requests]] * nouns[:, [each.noun for each in self.requests]]
         best, index = joint.max(1)
-        least = actions[:, -1].clamp(min=LEAST_PROBABILITY)
+        accepted = (best >= actions[:, -1].clamp(min=LEAST_PROBABILITY)) & (mask.sum(1) < MAX_TOKENS)
         return [
             Recognized(self.requests[number].step, probability, is_request)
-            for number, probability, is_request in zip(
-                index.tolist(), best.tolist(), (best >= least).tolist(), strict=True
-            )
+            for number, probability, is_request in zip(index.tolist(), best.tolist(), accepted.tolist(), strict=True)
         ]
 
 
 def tokens_of(sentences: Sequence[str]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the tokens (S, T, 384) of sentences, and whether each token exists (S, T).
+    """Return the tokens (S, T, 384) of sentences, and whether each token exists (S, T). T is at most ``MAX_TOKENS``.
 
     Raises:
         MissingExtraError: the sentence encoder is not installed.
     """
     tokenizer, model = _encoder()
-    read = tokenizer(list(sentences), padding=True, truncation=True, max_length=128, return_tensors="pt")
+    read = tokenizer(list(sentences), padding=True, truncation=True, max_length=MAX_TOKENS, return_tensors="pt")
     with torch.inference_mode():
         found = model(input_ids=read["input_ids"], attention_mask=read["attention_mask"]).last_hidden_state
     return found, read["attention_mask"].bool()
