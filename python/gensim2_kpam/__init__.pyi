@@ -624,9 +624,9 @@ class Scene:
             seed: seed of the motions of the redundant joints that are tried.
 
         Returns:
-            The motion. If there is none, ``reason`` names the pose, and the joint at its limit or the two bodies that
-            are too close. The status is "unreachable" if the hand cannot follow a line, and "not_found" if an obstacle
-            is in the way or the tolerance is too small.
+            The motion. If there is none, ``reason`` gives the cause, for example the pose and the joint at its limit,
+            or the two bodies that are too close. The status is "unreachable" if the hand cannot follow a line, and
+            "not_found" if an obstacle is in the way or the tolerance is too small.
 
         Raises:
             ProblemError: an argument does not fit the robot.
