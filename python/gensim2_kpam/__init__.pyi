@@ -620,7 +620,8 @@ class Scene:
             free_axis: (3,) axis of the hand frame about which the hand may rotate freely. ``rotation_tolerance`` then
                 limits the angle between the directions of this axis.
             margin, velocity_scale, acceleration_scale, limits, velocity_limits, acceleration_limits, jerk_limits,
-                torque_limits, start_time, max_checks, deadline_ms, cancel: as for :meth:`plan_to`.
+                torque_limits, start_time, max_checks, deadline_ms, cancel: as for :meth:`plan_to`. The checks are
+                counted only between two attempts, so a motion that is found first is returned.
             seed: seed of the motions of the redundant joints that are tried.
 
         Returns:

@@ -93,6 +93,25 @@ def test_the_hand_stays_on_the_lines(panda: kpam.Robot) -> None:
     np.testing.assert_array_equal(again.trajectory.positions, motion.trajectory.positions)
 
 
+@pytest.mark.parametrize("shift", [0.0, 1e-5, 1e-4, 5e-4])
+def test_a_rotation_may_have_a_small_shift(shift: float, panda: kpam.Robot) -> None:
+    scene, first = kpam.Scene(panda), np.asarray(panda.forward_kinematics(Q_START))
+    for turn in ([0.5, 0.0, 0.0], [0.0, -0.5, 0.0], [0.0, 0.0, 0.5], [0.2, 0.3, 0.3]):
+        poses = [moved(first, [0.0, shift, 0.0], turn)]
+        motion = scene.plan_along(Q_START, poses, **LIMITS)
+        assert motion.trajectory is not None, motion.reason
+        assert_follows(panda, motion.trajectory, poses, (0.001, 0.01))
+
+
+@pytest.mark.parametrize("length", [1e-10, 1e200])
+def test_a_free_axis_may_have_any_length(length: float, panda: kpam.Robot) -> None:
+    scene, first = kpam.Scene(panda), np.asarray(panda.forward_kinematics(Q_START))
+    poses = [moved(first, [0.0, 0.1, 0.0])]
+    motions = [scene.plan_along(Q_START, poses, free_axis=[0, 0, z], **LIMITS) for z in (1.0, length)]
+    assert all(motion.status == "solved" for motion in motions), motions[1].reason
+    np.testing.assert_allclose(motions[1].trajectory.positions, motions[0].trajectory.positions, atol=1e-9)
+
+
 def test_a_straight_line_in_parts_is_passed_without_a_stop(panda: kpam.Robot) -> None:
     scene, first = kpam.Scene(panda), np.asarray(panda.forward_kinematics(Q_START))
     poses = [moved(first, [0.0, 0.1 * k, 0.0]) for k in (1, 2, 3)]

@@ -58,10 +58,11 @@ impl PathTolerance {
         }
         let mut out = self.clone();
         if let Some(axis) = &mut out.free_axis {
-            match axis.try_normalize(1e-9).filter(|axis| axis.iter().all(|c| c.is_finite())) {
-                Some(unit) => *axis = unit,
-                None => return fail("free_axis", "must be a finite vector that is not zero".to_owned()),
+            let largest = axis.amax();
+            if !(largest > 0.0 && axis.iter().all(|c| c.is_finite())) {
+                return fail("free_axis", "must be a finite vector that is not zero".to_owned());
             }
+            *axis = (*axis / largest).normalize();
         }
         Ok(out)
     }
@@ -107,7 +108,7 @@ struct Station {
     share: f64,
 }
 
-/// Waypoints along all lines, in time order. The hand may stop at `stops`, which are indices of waypoints.
+/// Waypoints along all lines, in time order.
 struct Stations {
     all: Vec<Station>,
     /// Index of the last waypoint of each line.
@@ -282,7 +283,7 @@ impl Transit<'_> {
             (0..=SAMPLES).any(|s| {
                 let t = times[k] + (times[k + 1] - times[k]) * s as f64 / SAMPLES as f64;
                 let hand = follower.hand(&trajectory.moving(t));
-                let [way, turn] = deviation(&lines[to.pose], [begin, to.share], &hand, tolerance.free_axis.as_ref());
+                let [way, turn] = deviation(&lines[to.pose], [begin, to.share], &hand, tolerance);
                 !(way <= tolerance.position && turn <= tolerance.rotation)
             })
         })
@@ -299,18 +300,25 @@ impl Transit<'_> {
 }
 
 /// Returns the distance (m) and angle (rad) of a hand pose from a part of a line, a little of which may lie beyond either
-/// end of the part.
-fn deviation(line: &HandPath, [from, to]: [f64; 2], hand: &Pose, free_axis: Option<&Vector3<f64>>) -> [f64; 2] {
+/// end of the part. The nearest pose of the line is one with a small distance and a small angle, both relative to the
+/// tolerance.
+fn deviation(line: &HandPath, [from, to]: [f64; 2], hand: &Pose, tolerance: &PathTolerance) -> [f64; 2] {
+    let free_axis = tolerance.free_axis.as_ref();
     let more = 0.5 * (to - from);
     let (from, to) = ((from - more).max(0.0), (to + more).min(1.0));
     let (a, b) = (line.at(from), line.at(to));
-    let way = b.translation.vector - a.translation.vector;
-    let share = if way.norm() > 1e-6 {
-        (hand.translation.vector - a.translation.vector).dot(&way) / way.norm_squared()
-    } else {
-        let (whole, part) = (left(&b, &a, free_axis).1, left(hand, &a, free_axis).1);
-        if whole.norm() > 1e-6 { part.dot(&whole) / whole.norm_squared() } else { 0.0 }
-    };
-    let (way, turn) = left(&line.at(from + (to - from) * share.clamp(0.0, 1.0)), hand, free_axis);
-    [way.norm(), turn.norm()]
+    let ((way, turn), (gone, turned)) = (left(&b, &a, free_axis), left(hand, &a, free_axis));
+    let excess = |[way, turn]: &[f64; 2]| (way / tolerance.position).max(turn / tolerance.rotation);
+    // Weights of the squared distance and of the squared angle.
+    let both = [tolerance.position.powi(-2), tolerance.rotation.powi(-2)];
+    [both, [1.0, 0.0], [0.0, 1.0]]
+        .map(|[p, r]| {
+            let length = p * way.norm_squared() + r * turn.norm_squared();
+            let share = if length > 0.0 { (p * gone.dot(&way) + r * turned.dot(&turn)) / length } else { 0.0 };
+            let (way, turn) = left(&line.at(from + (to - from) * share.clamp(0.0, 1.0)), hand, free_axis);
+            [way.norm(), turn.norm()]
+        })
+        .into_iter()
+        .min_by(|a, b| excess(a).total_cmp(&excess(b)))
+        .expect("three shares")
 }
