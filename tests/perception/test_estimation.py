@@ -48,6 +48,7 @@ from gensim2.perception.estimation.examples import (
 from gensim2.perception.estimation.goal import DISTRUST, GoalTracker
 from gensim2.perception.estimation.measuring import calibrated, figures, measured, row_of
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
+from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.scene import boxes, planning_scene
 from gensim2.perception.estimation.tracking import LEAST_SHIFT, Track, displacement
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
@@ -690,6 +691,10 @@ def test_after_a_miss_the_handle_is_sought_at_the_nearest_points() -> None:
     assert third.misses == 2
     assert np.array_equal(third.to_plan.keypoints[head], off)
     assert third.found.joint.openness_deviation == pytest.approx(0.1)
+    # The same holds for motions that should not move the joint, such as the grasp of another object.
+    without_goal = first.after(wrong, look.cloud.xyz, none, 0)
+    assert without_goal.misses == 0
+    assert without_goal.found.joint.openness_deviation == pytest.approx(0.1)
     # A motion that moves the joint ends the series.
     moved = look_at("drawer", 0.9)
     assert third.after(truth(moved), moved.cloud.xyz, none, 1).misses == 0
@@ -730,6 +735,39 @@ def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> 
         goal.track = replace(goal.track, misses=1)
         [openness] = goal.measurement(np.array(PANDA.reset_qpos)).openness.values()
         assert openness == pytest.approx(0.15 + sign * DISTRUST * 0.1)
+        # The misses of a step do not count in the next step.
+        goal.begin_step(())
+        assert goal.track.misses == 0
+
+
+@pytest.mark.parametrize("is_grasped", [False, True])
+def test_the_drawer_moves_a_hidden_object_in_it_unless_the_hand_has_grasped_the_object(
+    trained: Path, is_grasped: bool
+) -> None:
+    look, none = look_at("drawer", 0.8), np.zeros(0, dtype=np.int64)
+    goal = GoalTracker(SceneEstimator.load(trained, PANDA), {"drawer": "drawer", "apple": "apple"}, ())
+    goal.track = Track(truth(look), look.cloud.xyz, none)
+    shape, T = shape_of("apple"), PANDA.T_world_base
+    assert shape is not None
+    inside = RigidEstimate(shape, np.ones(3), np.eye(4), 0.0, 0.0)
+    points = look.cloud.xyz[look.moving] @ T[:3, :3].T + T[:3, 3]
+    inside = inside.moved(0.5 * (points.min(axis=0) + points.max(axis=0)) - inside.center)
+    goal.rigid.found["apple"] = inside
+    goal.begin_motion()
+    elsewhere = inside.moved(np.array([0.0, 0.3, 0.2]))
+    if is_grasped:
+        goal.hold("apple", elsewhere.T_world_object)
+        goal.hold(None)
+    wall = np.stack(np.meshgrid([0.5], np.arange(-0.2, 0.2, 0.01), np.arange(0.3, 0.5, 0.01)), -1).reshape(-1, 3)
+    goal.rigid.take_in(wall, np.ones(len(wall), dtype=bool))
+    assert goal.rigid.is_hidden("apple")
+    goal.track = replace(goal.track, change=-0.1)
+    goal._carry()
+    by = goal.rigid.found["apple"].center - inside.center
+    if is_grasped:
+        assert by[:2] == pytest.approx([0.0, 0.3])
+    else:
+        assert by == pytest.approx(-0.1 * T[:3, :3] @ truth(look).joint.axis)
 
 
 @pytest.mark.parametrize(("openness", "goes_on"), [(0.0, False), (0.5, True)])

@@ -153,6 +153,46 @@ def test_a_grasped_object_follows_the_hand_and_is_found_where_it_was_dropped(is_
     assert tracker.is_hidden("apple") != is_shown
 
 
+def test_a_released_object_is_found_above_the_place_where_it_was_assumed() -> None:
+    """The first cloud after the release shows neither the apple nor the floor below it, so the apple counts as lying on
+    the table. The second cloud shows the apple on a floor 8 cm above the table.
+    """
+    true = on_table("apple", 0.0, 0.0)
+    tracker = RigidTracker({"apple": true.shape})
+    lifted = true.moved(np.array([0.3, 0.0, 0.15]))
+    rest = true.moved(np.array([0.3, 0.0, 0.08]))
+    above = cloud_of(lifted.moved(np.array([0.0, 0.03, 0.05])))
+    elsewhere = floor(0.0) + np.array([0.0, 0.4, 0.0])
+    tracker.take_in(cloud_of(true), nothing_articulated(cloud_of(true)))
+    tracker.hold("apple", lifted.T_world_object)
+    tracker.hold(None)
+    tracker.take_in(elsewhere, np.ones(len(elsewhere), dtype=bool))
+    assert tracker.is_hidden("apple")
+    assert tracker.found["apple"].bounds[0, 2] == pytest.approx(0.0, abs=0.003)
+    for seen, is_hidden in ((above, True), (cloud_of(rest), False)):
+        points = np.concatenate([elsewhere, seen])
+        tracker.take_in(points, np.ones(len(points), dtype=bool))
+        assert tracker.is_hidden("apple") == is_hidden
+    np.testing.assert_allclose(tracker.found["apple"].center, rest.center, atol=0.006)
+
+
+def test_a_cluster_and_a_part_of_it_do_not_show_two_objects() -> None:
+    """The network considers one point of the only apple a part of the articulated object."""
+    true = on_table("apple", 0.0, 0.0)
+    tracker = RigidTracker({"first": true.shape, "second": true.shape})
+    points = cloud_of(true)
+    tracker.take_in(points, np.arange(len(points)) == 0)
+    assert list(tracker.found) == ["first"]
+    assert tracker.missing == ["second"]
+    # Two apples are found as two objects.
+    other = true.moved(np.array([0.0, 0.3, 0.0]))
+    tracker.reset()
+    points = np.concatenate([points, cloud_of(other)])
+    tracker.take_in(points, np.arange(len(points)) == 0)
+    centers = sorted(each.center[1] for each in tracker.found.values())
+    assert centers == pytest.approx([true.center[1], other.center[1]], abs=0.005)
+
+
 def test_a_task_with_two_articulated_objects_is_refused_by_name() -> None:
     success = load_task("OpenBox").success
     with pytest.raises(InputError, match=r"2 articulated objects \(box, drawer\)"):
@@ -171,6 +211,8 @@ def test_a_missing_rigid_object_is_named_and_nothing_moves() -> None:
     [event] = chain.events
     assert (event.what, event.detail) == (Cause.OBJECT_NOT_SEEN, {"object": "ball", "class": "golf_ball"})
     assert [(each.name, each.plans) for each in chain.history] == [("open", [])]
+    assert (chain.reference, chain.plans) == (None, [])
+    assert ObservationSpec.of(chain.observation_spec).cloud is not None
 
 
 def test_a_rigid_object_is_found_in_a_noisy_cloud() -> None:

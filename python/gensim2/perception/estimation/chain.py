@@ -168,17 +168,17 @@ class PerceivingChain:
         """Contents that the controller needs in the next observation. Before the controller plans a step, and after
         each motion, it needs a point cloud from the cameras. At other times it needs only the robot's state.
         """
-        if self._checks_goal:
+        if self._checks_goal or not self._goal.is_seen:
             return self._spec
-        waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS) if self.looks else False
-        return PROPRIOCEPTIVE if self.looks and (self._chain.is_moving or waits) else self._spec
+        waits = 0 < self._chain.waited < self._profile.steps(WAIT_SECONDS)
+        return PROPRIOCEPTIVE if self._chain.is_moving or waits else self._spec
 
     @property
     def reference(self) -> Reference | None:
-        """Planned state of the joints and the gripper after the latest action; None before the first estimate of the
-        scene.
+        """Planned state of the joints and the gripper after the latest action; None until a point cloud has shown the
+        objects of the task.
         """
-        return self._chain.reference if self.looks else None
+        return self._chain.reference if self._goal.is_seen else None
 
     @property
     def turn(self) -> str | None:
@@ -204,7 +204,7 @@ class PerceivingChain:
     @property
     def plans(self) -> list[Any]:
         """All plans so far, each with the scene for which the plan was made."""
-        return self._chain.plans
+        return self._chain.plans if self._goal.is_seen else []
 
     def reset(self, observation: Observation, seed: int = 0) -> None:
         """Start an episode."""

@@ -181,7 +181,8 @@ class SceneEstimator:
         profile: robot whose base frame the clouds use.
         scales: calibration factors. Each predicted standard deviation is multiplied by the factor with its name in
             ``DEVIATIONS``. None: all factors are 1.
-        refine: whether to align the estimated yaw with the upright surfaces in the cloud.
+        refine: whether to align the estimated yaw with the upright surfaces in the cloud, and the value of a revolute
+            joint with the surfaces of the moving part.
 
     Example:
         >>> estimator = SceneEstimator.load()

@@ -39,7 +39,7 @@ LEAST_SEEN = 0.25
 as hidden, and the estimate is discarded."""
 DISTRUST = 1.0
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
-the number of motions that moved the joint."""
+the number of motions of the step. The latest motions do not count if they have not moved the joint."""
 
 
 class GoalTracker:
@@ -122,7 +122,7 @@ class GoalTracker:
         self._aim(done)
         self._first_motion = self.motions
         if self.track is not None:
-            self.track = replace(self.track, moved=0.0)
+            self.track = replace(self.track, moved=0.0, misses=0)
 
     def _aim(self, criteria: Sequence[Criterion]) -> None:
         kinds = {each.type for each in criteria}
@@ -135,6 +135,9 @@ class GoalTracker:
 
     def hold(self, name: str | None, T_world_object: Array | None = None) -> None:
         """Set the object in the hand and its pose (4, 4) in the world; None: the hand is empty."""
+        if name is not None:
+            # The hand has taken the object out of the moving part.
+            self._carried.pop(name, None)
         self.rigid.hold(name, T_world_object)
 
     def take_in(self, cloud: Points) -> None:
@@ -274,7 +277,7 @@ class GoalTracker:
 
         The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
         count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number
-        of motions so far. The latest motions do not count if they have not moved the joint.
+        of motions of the step. The latest motions do not count if they have not moved the joint.
 
         Args:
             q: (n,) joint values of the robot.

@@ -23,8 +23,8 @@ LIKELY, LIKELIER = 0.5, 2.0
 which an estimate without a safety margin ends the episode.
 """
 CONTRADICTION = 3.0
-"""Number of standard deviations, divided by the number of motions so far, by which the estimated joint must miss the
-goal to outweigh a network that is sure."""
+"""Number of standard deviations by which the estimated joint must miss the goal to outweigh a network that is sure. The
+number is divided by the number of motions, without the latest motions that have not moved the joint."""
 
 
 class PerceivingKeyposeController(KeyposeController):

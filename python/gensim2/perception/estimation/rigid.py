@@ -51,7 +51,7 @@ FIT_ERROR = 0.004
 YAWS = 6
 """Number of initial yaw angles of a fit."""
 PREFERRED = 0.9
-"""Factor by which another yaw or pose must reduce the error of a fit, relative to the first one."""
+"""Factor by which another initial yaw must reduce the cost of a fit, relative to the best one so far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,30 +258,24 @@ def cost(shape: RigidShape, points: Array) -> tuple[float, int]:
     return min(costs)
 
 
-def fitted(
-    shape: RigidShape, points: Array, number: int = 0, yaw: float | None = None, bottom: float | None = None
-) -> RigidEstimate:
+def fitted(shape: RigidShape, points: Array, number: int = 0) -> RigidEstimate:
     """Fit the shape of a class to points: its position, its yaw and its dimensions.
 
-    The highest point of the cloud gives the height of the object, if its bottom is known. The horizontal position, the
-    yaw and the horizontal scale minimize the distances of the points from the surface.
+    If the points reach down to the table, the highest point gives the height of the object. Otherwise the height is
+    that of the shape. The horizontal position, the yaw and the horizontal scale minimize the distances of the points
+    from the surface.
 
     Args:
         shape: shape of the class.
         points: (N, 3) points of one object in the world frame, m.
         number: index of the pose in :meth:`RigidShape.rotations`.
-        yaw: initial yaw, rad; None: several angles are tried.
-        bottom: height of the object's lowest point, m; None: the table if the points reach down to it, otherwise the
-            dimensions of the shape are not changed.
     """
     rotation = shape.rotations()[number]
     placed = shape.samples @ rotation.T
     center, height = 0.5 * (placed.min(axis=0) + placed.max(axis=0)), float(np.ptp(placed[:, 2]))
     placed = placed - center
     low, high = points[:, 2].min(), points[:, 2].max()
-    if bottom is None and low < TABLE:
-        bottom = 0.0
-    up = 1.0 if bottom is None else float(np.clip((high - bottom) / height, *SCALES))
+    up = float(np.clip(high / height, *SCALES)) if low < TABLE else 1.0
     middle = np.array([*(0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0))), high - 0.5 * up * height])
     stretched = placed * np.array([1.0, 1.0, up])
     tree = cKDTree(stretched)
@@ -296,9 +290,8 @@ def fitted(
         weight = np.sqrt(len(points) / 40.0)
         return np.append(distances, weight * (scale - 1.0) / SCALE_ERROR)
 
-    starts = [yaw] if yaw is not None else np.linspace(0.0, 2.0 * np.pi, YAWS, endpoint=False).tolist()
     best: tuple[float, Array] | None = None
-    for start in starts:
+    for start in np.linspace(0.0, 2.0 * np.pi, YAWS, endpoint=False).tolist():
         bounds = ([-0.1, -0.1, -10.0, SCALES[0]], [0.1, 0.1, 10.0, SCALES[1]])
         found = least_squares(
             errors,
@@ -330,7 +323,10 @@ def distance(found: RigidEstimate, points: Array) -> float:
 
 
 def assigned(
-    shapes: Mapping[str, RigidShape], candidates: Sequence[Array], penalties: Sequence[float]
+    shapes: Mapping[str, RigidShape],
+    candidates: Sequence[Array],
+    penalties: Sequence[float],
+    overlapping: Sequence[tuple[int, int]] = (),
 ) -> dict[str, tuple[int, int]]:
     """Assign clusters to the rigid objects of a task, so that the sum of the costs is minimal.
 
@@ -338,6 +334,8 @@ def assigned(
         shapes: shapes of the objects' classes, by name of the object.
         candidates: points (N, 3) of each cluster in the world frame, m.
         penalties: additional cost of each cluster.
+        overlapping: indices of two clusters that contain the same points. Only one of the two can show an object, so
+            the cluster with the higher cost is left out.
 
     Returns:
         Index of the cluster, and of its pose in :meth:`RigidShape.rotations`, by name of the object. Objects without a
@@ -351,7 +349,13 @@ def assigned(
     costs = np.full((len(names), len(candidates) + len(names)), MAX_COST)
     for row, column in product(range(len(names)), range(len(candidates))):
         costs[row, column] = min(known[row][column][0] + penalties[column], MAX_COST + 1.0)
-    rows, columns = linear_sum_assignment(costs)
+    while True:
+        rows, columns = linear_sum_assignment(costs)
+        spent = {int(column): float(costs[row, column]) for row, column in zip(rows, columns, strict=True)}
+        both = next((pair for pair in overlapping if spent.keys() >= set(pair)), None)
+        if both is None:
+            break
+        costs[:, max(both, key=spent.__getitem__)] = MAX_COST + 1.0
     return {
         names[row]: (int(column), known[row][column][1])
         for row, column in zip(rows, columns, strict=True)

@@ -31,8 +31,9 @@ UNMOVED, UNMOVED_ERROR = 1.5, 0.004
 fit, or at most ``UNMOVED_ERROR`` (m).
 """
 CHANGED, CHANGED_SHARE = 0.012, 0.5
-"""Minimum distance (m) of a point from the earlier clouds if the point shows a change, and the minimum fraction of such
-points in the cluster of an object that has moved.
+"""Minimum distance (m) of a point from the previous cloud if the point shows a change, and the minimum fraction of such
+points in the cluster of an object that has moved. The points of the task's rigid objects in the previous cloud do not
+count.
 """
 UNUSUAL = 3.0
 """Additional cost of a cluster for each of these properties: the network considers it a part of the articulated object,
@@ -72,7 +73,8 @@ class RigidTracker:
         self.found: dict[str, RigidEstimate] = {}
         self.start: dict[str, Array] = {}
         self.held: str | None = None
-        self._loose: set[str] = set()
+        # Height (m) of the object frame at the release, of each released object that no cloud has shown since.
+        self._released: dict[str, float] = {}
         self._hidden: set[str] = set()
         self._past: Array | None = None
 
@@ -86,7 +88,7 @@ class RigidTracker:
         hand holds the object, and once with None after the release.
         """
         if self.held is not None and name != self.held:
-            self._loose.add(self.held)
+            self._released[self.held] = float(self.found[self.held].T_world_object[2, 3])
         self.held = name
         if name is not None and T_world_object is not None:
             self.found[name] = self.found[name].at(T_world_object)
@@ -114,12 +116,12 @@ class RigidTracker:
             else cKDTree(self._past).query(points)[0] > CHANGED
         )
         for name in self.found:
-            if name == self.held or (name not in self._loose and self._is_unmoved(name, points[own < 0])):
+            if name == self.held or (name not in self._released and self._is_unmoved(name, points[own < 0])):
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
-        self._place([name for name in sought if name not in self._loose], points, on_articulated, changed, own)
-        self._place([name for name in sought if name in self._loose], points, on_articulated, changed, own, 0.0)
-        for name in [each for each in sought if each in self._loose]:
+        self._place([name for name in sought if name not in self._released], points, on_articulated, changed, own)
+        self._place([name for name in sought if name in self._released], points, on_articulated, changed, own, 0.0)
+        for name in [each for each in sought if each in self._released]:
             if self._settle(name, points, changed & (own < 0)):
                 self._claim(name, points, own)
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
@@ -161,34 +163,42 @@ class RigidTracker:
             return
         free = np.flatnonzero(own < 0)
         found = [free[rows] for rows in clusters(points[free])]
-        whole = len(found)
+        # Index of the cluster to which a part belongs, by index of the part.
+        wholes: dict[int, int] = {}
         # An object that touches the articulated object belongs to its cluster, but the network may tell them apart.
-        for rows in list(found):
+        for whole, rows in enumerate(list(found)):
             apart = rows[~on_articulated[rows]]
             if 0 < len(apart) < len(rows):
-                found += [apart[part] for part in clusters(points[apart])]
+                for part in clusters(points[apart]):
+                    wholes[len(found)] = whole
+                    found.append(apart[part])
         penalties = [
-            UNUSUAL * (number >= whole)
+            UNUSUAL * (number in wholes)
             + UNUSUAL * float(on_articulated[rows].mean() > 0.5)
             + UNUSUAL * float(points[rows, 2].min() > TABLE)
             for number, rows in enumerate(found)
         ]
-        if self._past is not None:
-            kept = [number for number, rows in enumerate(found) if changed[rows].mean() >= CHANGED_SHARE]
-            found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
-        found = [rows for rows, penalty in zip(found, penalties, strict=True) if penalty <= most]
-        penalties = [penalty for penalty in penalties if penalty <= most]
+        kept = [
+            number
+            for number, rows in enumerate(found)
+            if penalties[number] <= most and (self._past is None or changed[rows].mean() >= CHANGED_SHARE)
+        ]
+        found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
+        overlapping = [
+            (kept.index(wholes[number]), place) for place, number in enumerate(kept) if wholes.get(number) in kept
+        ]
         shapes = {name: self.shapes[name] for name in names}
-        for name, (column, number) in assigned(shapes, [points[rows] for rows in found], penalties).items():
+        matches = assigned(shapes, [points[rows] for rows in found], penalties, overlapping)
+        for name, (column, number) in matches.items():
             self.found[name] = fitted(self.shapes[name], points[found[column]], number)
-            self._loose.discard(name)
+            self._released.pop(name, None)
             own[found[column]] = self._index(name)
             self._claim(name, points, own)
 
     def _settle(self, name: str, points: Array, changed: Mask) -> bool:
         """Estimate where a released object has come to rest, and return whether the cloud shows the object.
 
-        The points that the earlier clouds do not contain show the object, if their dimensions and their shape fit.
+        The points that the previous cloud does not contain show the object, if their dimensions and their shape fit.
         Without such points the object counts as lying below the place of the release.
         """
         before = self.found[name]
@@ -200,13 +210,14 @@ class RigidTracker:
             if (np.sort(np.ptp(part, axis=0)) > limit).any():
                 continue
             fit = _displaced(before, part)
-            drop = fit.T_world_object[:3, 3] - before.T_world_object[:3, 3]
-            away = float(np.linalg.norm(drop[:2]))
-            if fit.error <= DROPPED_ERROR and away <= FARTHEST_DROP and drop[2] <= EXCESS:
+            drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
+            away = float(np.linalg.norm(drop))
+            rise = float(fit.T_world_object[2, 3]) - self._released[name]
+            if fit.error <= DROPPED_ERROR and away <= FARTHEST_DROP and rise <= EXCESS:
                 fits.append((away, fit))
         if fits:
             self.found[name] = min(fits, key=lambda each: each[0])[1]
-            self._loose.discard(name)
+            del self._released[name]
             return True
         low, high = before.bounds
         middle, radius = 0.5 * (low + high)[:2], 0.25 * float(np.linalg.norm((high - low)[:2]))

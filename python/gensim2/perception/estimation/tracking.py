@@ -161,7 +161,8 @@ class Track:
         kind = self.found.joint.type
         if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
             return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved, change)
-        misses = self.misses + 1 if goal and abs(change) < STALLED[kind] else 0
+        is_still = abs(change) < STALLED[kind]
+        misses = self.misses + 1 if goal and is_still else 0
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
         variances = (
@@ -171,7 +172,8 @@ class Track:
         shares = np.array([1.0 / each for each in variances])
         openness = float(shares @ [predicted, new.openness] / shares.sum())
         # Two clouds of an object that has not moved lead to the same error, so their mean is not more accurate.
-        deviation = min(old.openness_deviation, new.openness_deviation) if misses else float(shares.sum() ** -0.5)
+        least = min(old.openness_deviation, new.openness_deviation)
+        deviation = least if is_still else float(shares.sum() ** -0.5)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses)
 
 
