@@ -311,14 +311,15 @@ fn deviation(line: &HandPath, [from, to]: [f64; 2], hand: &Pose, tolerance: &Pat
     let excess = |[way, turn]: &[f64; 2]| (way / tolerance.position).max(turn / tolerance.rotation);
     // Weights of the squared distance and of the squared angle.
     let both = [tolerance.position.powi(-2), tolerance.rotation.powi(-2)];
-    [both, [1.0, 0.0], [0.0, 1.0]]
-        .map(|[p, r]| {
-            let length = p * way.norm_squared() + r * turn.norm_squared();
-            let share = if length > 0.0 { (p * gone.dot(&way) + r * turned.dot(&turn)) / length } else { 0.0 };
-            let (way, turn) = left(&line.at(from + (to - from) * share.clamp(0.0, 1.0)), hand, free_axis);
-            [way.norm(), turn.norm()]
-        })
-        .into_iter()
-        .min_by(|a, b| excess(a).total_cmp(&excess(b)))
-        .expect("three shares")
+    let mut best = [f64::INFINITY; 2];
+    for [p, r] in [both, [1.0, 0.0], [0.0, 1.0]] {
+        let length = p * way.norm_squared() + r * turn.norm_squared();
+        let share = if length > 0.0 { (p * gone.dot(&way) + r * turned.dot(&turn)) / length } else { 0.0 };
+        let (way, turn) = left(&line.at(from + (to - from) * share.clamp(0.0, 1.0)), hand, free_axis);
+        let found = [way.norm(), turn.norm()];
+        if excess(&found) < excess(&best) {
+            best = found;
+        }
+    }
+    best
 }
