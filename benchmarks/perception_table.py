@@ -11,7 +11,7 @@ docs/results/perception.md and docs/results/perceived_tasks.md.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -224,7 +224,7 @@ def _rate(rows: Sequence[Row]) -> str:
 def main() -> None:
     """Store the results of measurements, and write the tables."""
     rows = take_in(__doc__, FIGURES, rows_of, ("what", "name", "scene", "objects", "noise"))
-    makers = {
+    makers: dict[str, Callable[[Sequence[Row]], str]] = {
         "estimates": estimates,
         "classes": classes,
         "aims": aims,
