@@ -217,11 +217,14 @@ fn unexpected(key: &str) -> PyErr {
     PyTypeError::new_err(format!("got an unexpected keyword argument '{key}'"))
 }
 
-/// Converts the value of a keyword argument.
+/// Converts the value of a keyword argument; an error has the same note as for a named argument.
 fn argument<'py, T: FromPyObjectOwned<'py>>(key: &str, value: &Bound<'py, PyAny>) -> PyResult<T> {
     value.extract::<T>().map_err(|e| {
         let e: PyErr = e.into();
-        PyTypeError::new_err(format!("argument '{key}': {}", e.value(value.py())))
+        match e.add_note(value.py(), format!("while processing '{key}'")) {
+            Ok(()) => e,
+            Err(other) => other,
+        }
     })
 }
 
