@@ -12,7 +12,7 @@ sentences are in ``tests/instructions`` and train nothing. Training takes a few 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,8 @@ EPOCHS, BATCH, RATE = 14, 64, 2e-3
 DROPPED = 0.15
 """Fraction of the tokens that training hides at random."""
 SMOOTHING = 0.05
+
+Steps = tuple[Step, ...]
 
 
 @dataclass(frozen=True)
@@ -106,18 +108,11 @@ def train(data: Sequence[Sentence], known: Sequence[Request], seed: int = 0) -> 
 
 
 def count(recognizer: Recognizer, data: Sequence[Sentence]) -> str:
-    """Return the numbers of right and wrong answers as a line of text."""
+    """Return the numbers of right and wrong answers of the recognizer as a line of text."""
     found = recognizer.recognize([each.text for each in data])
-    pairs = [
-        (each.request, answer.step if answer.is_request else None) for each, answer in zip(data, found, strict=True)
-    ]
-    made = [(request.step, step) for request, step in pairs if request is not None]
-    acted = [step for request, step in pairs if request is None and step is not None]
-    right = sum(step == wanted for wanted, step in made)
-    wrong = sum(step is not None and step != wanted for wanted, step in made)
-    return (
-        f"{right} of {len(made)} requests recognized, {wrong} in another sense; {len(acted)} of "
-        f"{len(pairs) - len(made)} other sentences taken for requests"
+    return _counted(
+        ((each.request.step,) if each.request else None, (answer.step,) if answer.is_request else None)
+        for each, answer in zip(data, found, strict=True)
     )
 
 
@@ -126,21 +121,32 @@ def of_authors() -> list[str]:
     lines = []
     for path in AUTHORS:
         data = read_yaml(path)
+        meant = [(by_grammar(job), text) for job, texts in data["paraphrases"].items() for text in texts]
+        others = [(None, text) for text in data["unrelated"]]
         for name, reader in (("grammar", by_grammar), ("parser", parse)):
-            pairs = [
-                (by_grammar(job), _steps(reader, text)) for job, texts in data["paraphrases"].items() for text in texts
-            ]
-            right = sum(steps == meant for meant, steps in pairs)
-            wrong = sum(steps is not None and steps != meant for meant, steps in pairs)
-            acted = sum(_steps(reader, text) is not None for text in data["unrelated"])
-            lines.append(
-                f"{path.stem} {name}: {right} of {len(pairs)} understood, {wrong} in another sense; "
-                f"{acted} of {len(data['unrelated'])} other sentences not refused"
-            )
+            counted = _counted((steps, _steps(reader, text)) for steps, text in [*meant, *others])
+            lines.append(f"{path.stem} {name}: {counted}")
     return lines
 
 
-def _steps(reader: Callable[[str], tuple[Step, ...]], sentence: str) -> tuple[Step, ...] | None:
+def _counted(pairs: Iterable[tuple[Steps | None, Steps | None]]) -> str:
+    """Return the numbers of right and wrong answers as a line of text.
+
+    Args:
+        pairs: steps that a sentence asks for, and steps that were understood; None stands for no request.
+    """
+    pairs = list(pairs)
+    made = [(meant, found) for meant, found in pairs if meant is not None]
+    acted = sum(meant is None and found is not None for meant, found in pairs)
+    right = sum(found == meant for meant, found in made)
+    wrong = sum(found is not None and found != meant for meant, found in made)
+    return (
+        f"{right} of {len(made)} understood, {wrong} in another sense; "
+        f"{acted} of {len(pairs) - len(made)} other sentences not refused"
+    )
+
+
+def _steps(reader: Callable[[str], Steps], sentence: str) -> Steps | None:
     try:
         return reader(sentence)
     except SentenceError:

@@ -8,7 +8,6 @@ can do.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import os
 from collections.abc import Sequence
@@ -22,9 +21,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import nn
 
 from gensim2.core.errors import MissingExtraError
-from gensim2.core.files import remove, write_atomic, write_json
-from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
+from gensim2.core.files import write_json
 from gensim2.core.record_files import read_record
+from gensim2.core.weights import (
+    Digest,
+    FileName,
+    half_precision,
+    load_half_precision,
+    remove_other_weights,
+    write_weights,
+)
 from gensim2.instructions.steps import MoveJoint
 from gensim2.objects.words import Goal
 
@@ -77,8 +83,8 @@ class _Record(BaseModel):
     schema_version: Literal[1] = 1
     kind: Literal["gensim2-recognizer"] = "gensim2-recognizer"
     requests: Annotated[tuple[Request, ...], Field(min_length=1, max_length=1000)]
-    file: Annotated[str, Field(pattern=r"^weights-[0-9a-f]{16}\.safetensors$")]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    file: FileName
+    sha256: Digest
 
 
 class Head(nn.Module):  # type: ignore[misc]
@@ -148,12 +154,9 @@ class Recognizer:
             InputError: a file is missing or damaged.
         """
         record = read_record(folder / RECORD, _Record, _REMEDY)
-        path = folder / record.file
         head = Head(*_sizes(record.requests))
-        expected = {name: Shape.of(value) for name, value in _stored(head).items()}
-        require_shapes(path, read_shapes(path, MAX_BYTES, _REMEDY), expected, _REMEDY)
-        head.load_state_dict(read_tensors(path, MAX_BYTES, record.sha256, _REMEDY))
-        return cls(head.eval(), record.requests)
+        load_half_precision(head, folder / record.file, record.sha256, MAX_BYTES, _REMEDY)
+        return cls(head, record.requests)
 
     def save(self, folder: Path) -> None:
         """Write ``recognizer.json`` and the weights, with 16 bits each.
@@ -161,17 +164,10 @@ class Recognizer:
         Raises:
             WriteError: the folder cannot be written to.
         """
-        from safetensors.torch import save
-
-        content = save(_stored(self.head))
-        digest = hashlib.sha256(content).hexdigest()
-        file = f"weights-{digest[:16]}.safetensors"
-        write_atomic(folder / file, content)
+        file, digest = write_weights(folder, half_precision(self.head))
         record = _Record(requests=self.requests, file=file, sha256=digest)
         write_json(folder / RECORD, record.model_dump(mode="json"))
-        for old in folder.glob("weights-*.safetensors"):
-            if old.name != file:
-                remove(old)
+        remove_other_weights(folder, file)
 
     def recognize(self, sentences: Sequence[str]) -> list[Recognized]:
         """Return the most probable request of each sentence. A sentence that may have been truncated makes no request.
@@ -229,7 +225,3 @@ def _encoder() -> tuple[Any, Any]:
 
 def _sizes(requests: Sequence[Request]) -> tuple[int, int]:
     return max(each.action for each in requests) + 1, max(each.noun for each in requests) + 1
-
-
-def _stored(head: Head) -> dict[str, torch.Tensor]:
-    return {name: value.detach().half().contiguous() for name, value in head.state_dict().items()}

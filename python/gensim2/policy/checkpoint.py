@@ -6,7 +6,6 @@ old or the new checkpoint.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import remove, write_atomic, write_json
+from gensim2.core.files import write_json
 from gensim2.core.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
 from gensim2.core.record_files import read_record
+from gensim2.core.weights import Digest, FileName, remove_other_weights, write_weights
 from gensim2.data.record import TaskName
 from gensim2.perception import ObservationSpec
 from gensim2.policy.config import CLIP, PRETRAINED, SENTENCE, PolicyConfig, TrainConfig
@@ -97,8 +97,8 @@ class ActionSpec(BaseModel):
 class _Weights(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    file: str = Field(pattern=r"^weights-[0-9a-f]{16}\.safetensors$")
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    file: FileName
+    sha256: Digest
 
 
 class _Record(BaseModel):
@@ -166,14 +166,9 @@ class PolicyCheckpoint:
         Raises:
             WriteError: the folder cannot be written to.
         """
-        from safetensors.torch import save
-
         tensors = {_NETWORK + name: value.detach().cpu() for name, value in self.network.state_dict().items()}
         tensors[_TABLE] = self.table.cpu()
-        content = save({name: value.contiguous().clone() for name, value in tensors.items()})
-        digest = hashlib.sha256(content).hexdigest()
-        name = f"weights-{digest[:16]}.safetensors"
-        write_atomic(folder / name, content)
+        name, digest = write_weights(folder, {name: value.contiguous().clone() for name, value in tensors.items()})
         record = _Record(
             schema_version=VERSION,
             kind=KIND,
@@ -189,9 +184,7 @@ class PolicyCheckpoint:
             weights=_Weights(file=name, sha256=digest),
         )
         write_json(folder / CONFIG_JSON, record.model_dump(mode="json"))
-        for old in folder.glob("weights-*.safetensors"):
-            if old.name != name:
-                remove(old)
+        remove_other_weights(folder, name)
 
     @staticmethod
     def load(folder: Path | str) -> PolicyCheckpoint:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +13,16 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
-from gensim2.core.files import remove, write_atomic, write_json
-from gensim2.core.foreign.tensors import Shape, read_shapes, read_tensors, require_shapes
+from gensim2.core.files import write_json
 from gensim2.core.record_files import read_record
+from gensim2.core.weights import (
+    Digest,
+    FileName,
+    half_precision,
+    load_half_precision,
+    remove_other_weights,
+    write_weights,
+)
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
 from gensim2.perception.estimation.network import NEIGHBORS, OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
@@ -153,15 +159,8 @@ class _Record(BaseModel):
     kind: Literal["gensim2-estimator"] = "gensim2-estimator"
     classes: Annotated[tuple[ClassConstants, ...], Field(min_length=1, max_length=1000)]
     scales: dict[str, Annotated[float, Field(gt=0, le=1000)]]
-    file: Annotated[str, Field(pattern=r"^weights-[0-9a-f]{16}\.safetensors$")]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-
-
-def _stored(network: SceneNetwork) -> dict[str, torch.Tensor]:
-    """Return the weights as the file contains them, with 16 bits each. This halves the file; the rounding moves an
-    estimate by far less than its error.
-    """
-    return {name: value.detach().half().contiguous() for name, value in network.state_dict().items()}
+    file: FileName
+    sha256: Digest
 
 
 def estimator_folder(place: Path | str) -> Path:
@@ -215,30 +214,21 @@ class SceneEstimator:
         """
         folder, profile = estimator_folder(folder), robot(DEFAULT_ROBOT) if profile is None else profile
         record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
-        path = Path(folder) / record.file
         network = SceneNetwork(len(record.classes))
-        expected = {name: Shape.of(value) for name, value in _stored(network).items()}
-        require_shapes(path, read_shapes(path, MAX_BYTES, _REMEDY), expected, _REMEDY)
-        network.load_state_dict(read_tensors(path, MAX_BYTES, record.sha256, _REMEDY))
-        return cls(network.eval(), record.classes, profile, record.scales)
+        load_half_precision(network, Path(folder) / record.file, record.sha256, MAX_BYTES, _REMEDY)
+        return cls(network, record.classes, profile, record.scales)
 
     def save(self, folder: Path) -> None:
-        """Write ``estimator.json`` and the weights atomically. The weights are stored with 16 bits each.
+        """Write ``estimator.json`` and the weights atomically. The weights are stored with 16 bits each; the rounding
+        moves an estimate by far less than its error.
 
         Raises:
             WriteError: the folder cannot be written to.
         """
-        from safetensors.torch import save
-
-        content = save(_stored(self.network))
-        digest = hashlib.sha256(content).hexdigest()
-        name = f"weights-{digest[:16]}.safetensors"
-        write_atomic(folder / name, content)
+        name, digest = write_weights(folder, half_precision(self.network))
         record = _Record(classes=self.classes, scales=self.scales, file=name, sha256=digest)
         write_json(folder / ESTIMATOR_JSON, record.model_dump(mode="json"))
-        for old in folder.glob("weights-*.safetensors"):
-            if old.name != name:
-                remove(old)
+        remove_other_weights(folder, name)
 
     def estimate(self, xyz: Points, asset_class: str | None = None) -> SceneEstimate:
         """Estimate the scene in a point cloud.
