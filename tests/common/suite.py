@@ -84,6 +84,8 @@ FAST = (
     "rollout/test_room.py",
     "rollout/test_run.py",
     "rollout/test_verdicts.py",
+    "ros/test_package.py",
+    "ros/test_world.py",
     "scenes/test_one_spelling.py",
     "scenes/test_physics_switches.py",
     "scenes/test_randomize.py",
