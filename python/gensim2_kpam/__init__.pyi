@@ -513,9 +513,9 @@ class Scene:
 
         Args:
             q_start: (n,) values of all joints; joints that do not move the hand keep their values.
-            goal: joints (n,), alternative joints (K, n), or a pose (4, 4) of ``link`` in the base frame. For a robot
-                with four joints, a (4, 4) array that is a rigid transform is a pose. Joints that do not move the
-                hand keep the value of ``q_start``.
+            goal: joints (n,), alternative joints (K, n), a pose (4, 4) of ``link`` in the base frame, or 1 to 256
+                alternative poses (K, 4, 4). For a robot with four joints, a (4, 4) array that is a rigid transform is
+                a pose. Joints that do not move the hand keep the value of ``q_start``.
             link: link that must reach the goal pose; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start or the goal
                 keep that smaller distance. Links that are closer in every configuration must only not collide.
@@ -565,7 +565,7 @@ class Scene:
 
         Args:
             q_starts: N starts (n,), rad or m.
-            goals: N goals, each as in :meth:`plan_to`: joints (n,), alternative joints (K, n), or a pose (4, 4).
+            goals: N goals, each as in :meth:`plan_to`: joints (n,) or (K, n), or poses (4, 4) or (K, 4, 4).
             threads: number of threads, 1 to 256; default: number of cores.
             options: keyword arguments of :meth:`plan_to`, which hold for all motions. ``deadline_ms`` counts from the
                 beginning of each motion.
@@ -717,7 +717,7 @@ class Motion:
         """Timed motion, if solved."""
     @property
     def goal(self) -> int | None:
-        """Index, in the list of goals, of the goal at which the motion ends."""
+        """Index, in the list of alternative goals, of the goal at which the motion ends."""
     @property
     def corners(self) -> Array | None:
         """(K, n) vertices of the path that the motion follows."""

@@ -94,6 +94,17 @@ def test_any_of_several_goals_will_do(panda: kpam.Robot) -> None:
     refused = scene.plan_to(Q_START, blocked)
     assert refused.status == "goals_blocked"
     assert "ball" in refused.reason
+    poses = panda.forward_kinematics(np.stack([blocked, blocked, free]))
+    poses[0, :3, 3] += 3.0  # out of reach
+    motion = scene.plan_to(Q_START, poses)
+    assert (motion.status, motion.goal) == ("solved", 2)
+    assert motion.trajectory is not None
+    np.testing.assert_allclose(panda.forward_kinematics(motion.trajectory.positions[-1]), poses[2], atol=1e-6)
+    assert scene.plan_to(Q_START, poses[:1]).status == "unreachable"
+    for bad, field in ((poses[:0], "goal"), (2.0 * poses, "goal[0]"), (np.repeat(poses, 86, axis=0), "goal")):
+        with pytest.raises(kpam.ProblemError) as refusal:
+            scene.plan_to(Q_START, bad)
+        assert refusal.value.field == field
 
 
 def test_a_start_inside_something_is_said(panda: kpam.Robot) -> None:

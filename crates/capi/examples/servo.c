@@ -22,6 +22,18 @@ static void must(kpam_status status, const char *what)
     }
 }
 
+/* Returns the trajectory of a motion from rest at `start` to rest at `goal`. */
+static kpam_trajectory *plan(const kpam_scene *scene, const double *start, const double *goal,
+                             const kpam_options *options)
+{
+    kpam_motion *motion = NULL;
+    kpam_trajectory *trajectory = NULL;
+    must(kpam_plan_to_joints(scene, start, goal, 1, options, &motion), "plan");
+    must(kpam_motion_trajectory(motion, &trajectory), "trajectory");
+    kpam_motion_free(motion);
+    return trajectory;
+}
+
 static double seconds(const struct timespec *from, const struct timespec *to)
 {
     return (double)(to->tv_sec - from->tv_sec) + 1e-9 * (double)(to->tv_nsec - from->tv_nsec);
@@ -67,22 +79,28 @@ int main(int count, char **arguments)
         return 2;
     }
     kpam_scene *scene = NULL;
-    must(kpam_scene_load(arguments[1], NULL, arguments[2], &scene), "load");
+    must(kpam_scene_load(arguments[1], NULL, arguments[2], NULL, &scene), "load");
     if (kpam_scene_joints(scene) != JOINTS) {
         fprintf(stderr, "the arm has %zu joints, not %d\n", kpam_scene_joints(scene), JOINTS);
         return 1;
     }
     const double half[3] = {0.05, 0.3, 0.2};
     const double pose[16] = {1, 0, 0, 0.45, 0, 1, 0, 0.0, 0, 0, 1, 0.2, 0, 0, 0, 1};
-    must(kpam_scene_add_box(scene, "wall", half, pose), "box");
+    kpam_shape *box = NULL;
+    must(kpam_shape_box(half, NULL, &box), "box");
+    const kpam_shape *shapes[1] = {box};
+    must(kpam_scene_add_body(scene, "wall", KPAM_ROLE_RIGID, shapes, 1, pose), "wall");
+    kpam_shape_free(box);
 
     const double start[JOINTS] = {-1.0, -1.4, 1.5, -1.6, -1.57, 0.0};
     const double goal[JOINTS] = {1.0, -1.2, 1.4, -1.7, -1.57, 0.5};
-    kpam_options options = kpam_options_default();
+    kpam_options options;
+    must(kpam_options_init(&options, sizeof options), "options");
+    options.limits = KPAM_LIMITS_PLAIN;
     options.margin = 0.01;
     options.velocity_scale = 0.5;
-    kpam_trajectory *motion = NULL, *stop = NULL, *whole = NULL, *on = NULL;
-    must(kpam_plan_joints(scene, start, goal, &options, &motion), "plan");
+    kpam_trajectory *stop = NULL, *whole = NULL;
+    kpam_trajectory *motion = plan(scene, start, goal, &options);
     printf("a motion of %.3f s\n", kpam_trajectory_end(motion));
 
     /* An obstacle appears halfway: brake as fast as possible, then plan from the stop to the goal. */
@@ -96,7 +114,7 @@ int main(int count, char **arguments)
             return 1;
         }
     }
-    must(kpam_plan_joints(scene, state[0], goal, &options, &on), "plan on");
+    kpam_trajectory *on = plan(scene, state[0], goal, &options);
     drive(on, 0.0, kpam_trajectory_end(on), state, &jump);
     for (int j = 0; j < JOINTS; j++) {
         if (fabs(state[0][j] - goal[j]) > 1e-6) {
@@ -107,8 +125,8 @@ int main(int count, char **arguments)
     printf("the greatest step in 1 ms was %.5f rad\n", jump);
 
     /* A failed call stores null and reports the reason. */
-    kpam_trajectory *none = NULL;
-    if (kpam_plan_joints(scene, NULL, goal, &options, &none) != KPAM_INVALID || none != NULL) {
+    kpam_motion *none = NULL;
+    if (kpam_plan_to_joints(scene, NULL, goal, 1, &options, &none) != KPAM_INVALID || none != NULL) {
         return 1;
     }
     printf("refused: %s\n", kpam_last_error());

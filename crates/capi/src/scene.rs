@@ -1,177 +1,409 @@
-//! Robots, their surroundings, and motions between joint vectors.
+//! Robots and the bodies around them.
 
-use std::ffi::c_char;
+use std::ffi::{CString, c_char};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
-use gensim2_geometry::{Convex, Robot, pose_from_matrix};
-use gensim2_kpam::options::LimitSet;
-use gensim2_kpam::{Body, Goal, Role, Scene, TransitOptions, plan_to};
-use nalgebra::Matrix4;
+use gensim2_geometry::{Pose, Robot};
+use gensim2_kpam::{Body, ProblemError, Role, Scene, SceneJoint};
 
-use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers, text};
-use crate::trajectory::kpam_trajectory;
+use crate::guard::{
+    Fault, array, changed, filled, freed, giving, guarded, held, kpam_status, listed, optional_pose, optional_text,
+    put_pose, text, zero_terminated,
+};
+use crate::shape::kpam_shape;
 
-/// A robot and its surroundings.
-pub struct kpam_scene(Scene);
+/// A robot and the bodies around it. Functions that take a `const kpam_scene *` may run on several threads at once;
+/// functions that change a scene need it for themselves. To plan in one thread while another thread updates the bodies,
+/// give each thread its own copy (`kpam_scene_copy`).
+pub struct kpam_scene {
+    pub(crate) scene: Scene,
+    joints: Vec<CString>,
+    links: Vec<CString>,
+    bodies: Vec<CString>,
+}
 
-/// Acceleration and jerk limits for arms whose URDF lacks them.
+/// Role of a body in the scene.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum kpam_limit_set {
-    /// Default: 10 rad/s^2 and 5,000 rad/s^3 for every joint.
-    KPAM_LIMITS_PLAIN = 0,
-    /// Limits published by Franka for the Panda.
-    KPAM_LIMITS_PANDA = 1,
-    /// Limits published by Franka for the Research 3, with velocity limits that depend on the position.
-    KPAM_LIMITS_FR3 = 2,
+pub enum kpam_role {
+    /// An obstacle at a pose in the base frame.
+    KPAM_ROLE_RIGID = 0,
+    /// A part of the tool or a grasped object: it moves with the hand, and its pose is in the frame of the hand link.
+    /// It is not checked against this link and the links below it, but against other attached bodies.
+    KPAM_ROLE_ATTACHED = 1,
 }
 
-/// Options of planning a motion; `kpam_options_default` returns the defaults.
-#[repr(C)]
-#[derive(Debug, Clone, Copy)]
-pub struct kpam_options {
-    /// Minimum distance (m) between the robot and all obstacles along the motion, 0 to 0.1.
-    pub margin: f64,
-    /// Fraction of the velocity limits that the motion may use, above 0, at most 1.
-    pub velocity_scale: f64,
-    /// Fraction of the acceleration and jerk limits that the motion may use, above 0, at most 1.
-    pub acceleration_scale: f64,
-    /// Wall-clock limit of the search (ms); 0 for no limit.
-    pub deadline_ms: f64,
-    /// Seed of the planner's random samples.
-    pub seed: u64,
-    /// Acceleration and jerk limits: a member of `kpam_limit_set`.
-    pub limits: u32,
-}
-
-/// Returns the default options: a margin of 5 mm, scales of 1, no time limit, seed 0, `KPAM_LIMITS_PLAIN`.
-#[unsafe(no_mangle)]
-pub extern "C" fn kpam_options_default() -> kpam_options {
-    kpam_options {
-        margin: 0.005,
-        velocity_scale: 1.0,
-        acceleration_scale: 1.0,
-        deadline_ms: 0.0,
-        seed: 0,
-        limits: kpam_limit_set::KPAM_LIMITS_PLAIN as u32,
+impl kpam_scene {
+    fn new(scene: Scene) -> Self {
+        let robot = scene.robot();
+        let joints = robot.joints().iter().map(|joint| zero_terminated(joint.name())).collect();
+        let links = robot.links().iter().map(|link| zero_terminated(link.name())).collect();
+        let bodies = body_names(&scene);
+        Self { scene, joints, links, bodies }
     }
-}
 
-impl kpam_options {
-    fn transit(&self) -> Result<TransitOptions, Fault> {
-        let mut out = TransitOptions::default();
-        (out.margin, out.velocity_scale) = (self.margin, self.velocity_scale);
-        out.acceleration_scale = self.acceleration_scale;
-        out.seed = usize::try_from(self.seed).map_err(Fault::invalid)?;
-        if !(0.0..=1e9).contains(&self.deadline_ms) {
-            return Err(Fault::invalid(format!("deadline_ms: {} lies outside 0 to 1e9", self.deadline_ms)));
+    /// Replaces the scene, whose robot stays the same.
+    fn set(&mut self, scene: Scene) {
+        self.bodies = body_names(&scene);
+        self.scene = scene;
+    }
+
+    /// Returns the number of entries of a joint vector.
+    pub(crate) fn width(&self) -> usize {
+        self.scene.robot().joints().len()
+    }
+
+    /// Returns joint vectors of an argument. Mimic joints get the values that follow from their sources.
+    ///
+    /// # Safety
+    /// `q` is null or points to `count` joint vectors.
+    pub(crate) unsafe fn rows(&self, q: *const f64, count: usize, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
+        let n = self.width();
+        // SAFETY: guaranteed by the caller.
+        let numbers = unsafe { array(q, count, n, name) }?;
+        if let Some(k) = numbers.iter().position(|value| !value.is_finite()) {
+            return Err(Fault::invalid(format!("{name}[{k}]: {} is not finite", numbers[k])));
         }
-        out.deadline = (self.deadline_ms > 0.0).then(|| Duration::from_secs_f64(1e-3 * self.deadline_ms));
-        out.limits = match self.limits {
-            x if x == kpam_limit_set::KPAM_LIMITS_PLAIN as u32 => Some(LimitSet::Plain),
-            x if x == kpam_limit_set::KPAM_LIMITS_PANDA as u32 => Some(LimitSet::Panda),
-            x if x == kpam_limit_set::KPAM_LIMITS_FR3 as u32 => Some(LimitSet::Fr3),
-            x => return Err(Fault::invalid(format!("limits: {x} is no member of kpam_limit_set"))),
+        // A robot without joints has empty joint vectors.
+        let row = |k: usize| {
+            let mut q = numbers[k * n..(k + 1) * n].to_vec();
+            self.scene.robot().apply_mimic(&mut q);
+            q
         };
-        Ok(out)
+        Ok((0..count).map(row).collect())
+    }
+
+    /// Returns the joint vector of an argument, as [`kpam_scene::rows`].
+    ///
+    /// # Safety
+    /// `q` is null or points to a joint vector.
+    pub(crate) unsafe fn row(&self, q: *const f64, name: &str) -> Result<Vec<f64>, Fault> {
+        // SAFETY: guaranteed by the caller.
+        unsafe { self.rows(q, 1, name) }?.pop().ok_or_else(|| Fault::invalid(format!("{name} is empty")))
+    }
+
+    /// Returns the index of a link; `None` is the hand.
+    pub(crate) fn link(&self, name: Option<&str>) -> Result<usize, Fault> {
+        let robot = self.scene.robot();
+        let Some(name) = name else { return Ok(robot.hand()) };
+        robot.link_index(name).ok_or_else(|| {
+            let known: Vec<&str> = robot.links().iter().map(|link| link.name()).collect();
+            Fault::invalid(format!("link: {name:?} is not a link; links: {}", known.join(", ")))
+        })
+    }
+
+    /// Returns the pose of the hand at a joint vector.
+    fn hand(&self, q: &[f64]) -> Result<Pose, Fault> {
+        let robot = self.scene.robot();
+        robot.link_pose(q, robot.hand()).ok_or_else(|| Fault::invalid("q does not fit the robot"))
     }
 }
 
-/// Loads a robot. `urdf` is its file, `srdf` a file that disables pairs of links (null for none), and `hand_link` the
-/// link that carries the tool.
+fn body_names(scene: &Scene) -> Vec<CString> {
+    scene.bodies().iter().map(|body| zero_terminated(body.name())).collect()
+}
+
+/// Loads a robot from a URDF file. Each of its collision meshes becomes its convex hull. `hand_link` is the link that
+/// carries the tool: poses of the hand are poses of its frame, and the joints between the base and this link are
+/// planned. `srdf` is a file that disables collision checks between pairs of links; with null, neighbouring links and
+/// links that overlap in at least 95 % of random configurations are not checked. `base_link` is the link of the base
+/// frame; null stands for the only link without a parent. Packages that `package://` paths name are searched in
+/// `ROS_PACKAGE_PATH`, in `AMENT_PREFIX_PATH` and in the folders above the URDF.
 ///
 /// # Safety
-/// `urdf`, `srdf` and `hand_link` are null or zero-terminated strings; `out` can be written.
+/// The texts are null or zero-terminated strings; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_load(
     urdf: *const c_char,
     srdf: *const c_char,
     hand_link: *const c_char,
+    base_link: *const c_char,
     out: *mut *mut kpam_scene,
 ) -> kpam_status {
     let read = || {
         // SAFETY: guaranteed by the caller.
         let (urdf, hand) = unsafe { (text(urdf, "urdf")?, text(hand_link, "hand_link")?) };
         // SAFETY: guaranteed by the caller.
-        let srdf = if srdf.is_null() { None } else { Some(unsafe { text(srdf, "srdf") }?) };
-        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, None, &[])
+        let (srdf, base) = unsafe { (optional_text(srdf, "srdf")?, optional_text(base_link, "base_link")?) };
+        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, base, &[])
             .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
-        Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene).map_err(Fault::invalid)
+        Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene::new).map_err(Fault::invalid)
     };
     // SAFETY: guaranteed by the caller.
     unsafe { giving(out, read) }
 }
 
-/// Returns the number of entries of a joint vector; 0 if `scene` is null.
+/// Creates a copy of a scene. The copy shares the robot and the shapes, so that it costs little memory and time;
+/// changes of one scene do not affect the other.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed; `out` can be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_copy(scene: *const kpam_scene, out: *mut *mut kpam_scene) -> kpam_status {
+    // SAFETY: guaranteed by the caller.
+    unsafe { giving(out, || Ok(kpam_scene::new(held(scene, "scene")?.scene.clone()))) }
+}
+
+/// Returns the number of entries of a joint vector: the moving joints of the URDF, also those of the fingers; 0 if
+/// `scene` is null.
 ///
 /// # Safety
 /// `scene` is null or a scene that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_joints(scene: *const kpam_scene) -> usize {
     // SAFETY: guaranteed by the caller.
-    unsafe { scene.as_ref() }.map_or(0, |s| s.0.robot().joints().len())
+    unsafe { scene.as_ref() }.map_or(0, kpam_scene::width)
 }
 
-/// Adds a fixed box to the scene: half extents (3 numbers, m) and pose (16 numbers, row-major, base frame).
+/// Returns the name of the joint at this index of joint vectors; null if `scene` is null or the index is too large. The
+/// text is valid until the scene is freed.
 ///
 /// # Safety
-/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
-/// string; `half_extents` is null or points to 3 numbers, `pose` is null or points to 16.
+/// `scene` is null or a scene that was not freed.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kpam_scene_add_box(
-    scene: *mut kpam_scene,
-    name: *const c_char,
-    half_extents: *const f64,
-    pose: *const f64,
+pub unsafe extern "C" fn kpam_scene_joint_name(scene: *const kpam_scene, index: usize) -> *const c_char {
+    // SAFETY: guaranteed by the caller.
+    unsafe { scene.as_ref() }.map_or(std::ptr::null(), |s| listed(&s.joints, index))
+}
+
+/// Returns the name of a link; null if `scene` is null or the index is too large. The text is valid until the scene is
+/// freed.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_link_name(scene: *const kpam_scene, index: usize) -> *const c_char {
+    // SAFETY: guaranteed by the caller.
+    unsafe { scene.as_ref() }.map_or(std::ptr::null(), |s| listed(&s.links, index))
+}
+
+/// Writes the limits in the URDF, `kpam_scene_joints` numbers each: position (rad or m), velocity (rad/s or m/s),
+/// acceleration, jerk, and effort (N m; N for sliding joints). A pointer that is null is skipped. Limits that the URDF
+/// does not give are infinite. `KPAM_LIMITS_ASSUMED` tells which limits motions keep then.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed; the other pointers are null or have room for `kpam_scene_joints`
+/// numbers each.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_joint_limits(
+    scene: *const kpam_scene,
+    lower: *mut f64,
+    upper: *mut f64,
+    velocity: *mut f64,
+    acceleration: *mut f64,
+    jerk: *mut f64,
+    effort: *mut f64,
 ) -> kpam_status {
     guarded(|| {
         // SAFETY: guaranteed by the caller.
-        let name = unsafe { text(name, "name") }?;
-        // SAFETY: guaranteed by the caller.
-        let (half, rows) = unsafe { (numbers(half_extents, 3, "half_extents")?, numbers(pose, 16, "pose")?) };
-        // SAFETY: guaranteed by the caller.
-        let scene = unsafe { scene.as_mut() }.ok_or_else(|| Fault::invalid("scene is null"))?;
-        let matrix = Matrix4::from_row_slice(rows);
-        let pose = pose_from_matrix(&matrix, 1e-6).ok_or_else(|| Fault::invalid("pose: is not a rigid transform"))?;
-        let shape = Convex::cuboid([half[0], half[1], half[2]], &pose).map_err(Fault::invalid)?;
-        let body = Body::builder(name, Role::Rigid).shape(shape).build().map_err(Fault::invalid)?;
-        let mut bodies = scene.0.bodies().to_vec();
-        bodies.push(body);
-        scene.0 = Scene::new(Arc::clone(scene.0.robot()), bodies, Vec::new()).map_err(Fault::invalid)?;
+        let scene = unsafe { held(scene, "scene") }?;
+        for (k, joint) in scene.scene.robot().joints().iter().enumerate() {
+            let limits = [
+                (lower, joint.lower(), "lower"),
+                (upper, joint.upper(), "upper"),
+                (velocity, joint.velocity(), "velocity"),
+                (acceleration, joint.acceleration(), "acceleration"),
+                (jerk, joint.jerk(), "jerk"),
+                (effort, joint.effort(), "effort"),
+            ];
+            for (list, limit, name) in limits {
+                if !list.is_null() {
+                    // SAFETY: guaranteed by the caller.
+                    unsafe { filled(list.wrapping_add(k), 1, 1, name) }?[0] = limit;
+                }
+            }
+        }
         Ok(())
     })
 }
 
-/// Plans a timed motion from rest at `q_start` to rest at `q_goal` that keeps the margin from all obstacles. Each
-/// vector has `kpam_scene_joints` entries; `options` may be null.
+/// Changes the scene behind a handle; if `change` fails, the scene stays as it was.
+unsafe fn change(scene: *mut kpam_scene, change: impl FnOnce(&kpam_scene) -> Result<Scene, Fault>) -> kpam_status {
+    guarded(|| {
+        // SAFETY: guaranteed by the caller.
+        let scene = unsafe { changed(scene, "scene") }?;
+        let next = change(scene)?;
+        scene.set(next);
+        Ok(())
+    })
+}
+
+fn of_bodies(scene: &Scene, bodies: Vec<Body>) -> Result<Scene, ProblemError> {
+    let joints: Vec<SceneJoint> = scene.joints().to_vec();
+    Scene::new(Arc::clone(scene.robot()), bodies, joints)
+}
+
+/// Adds a body that consists of `count` shapes. Its name must differ from all other bodies and links. `role` is a
+/// member of `kpam_role`. `pose` is in the base frame, or in the frame of the hand link for an attached body; null is
+/// the identity. The body keeps its own copy of the shapes.
 ///
 /// # Safety
-/// `scene` is null or a scene that was not freed; `q_start` and `q_goal` are null or point to `kpam_scene_joints`
-/// numbers each; `options` is null or can be read; `out` can be written.
+/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+/// string; `shapes` is null or points to `count` handles, each of them null or a shape that was not freed; `pose` is
+/// null or points to 16 numbers.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kpam_plan_joints(
-    scene: *const kpam_scene,
-    q_start: *const f64,
-    q_goal: *const f64,
-    options: *const kpam_options,
-    out: *mut *mut kpam_trajectory,
+pub unsafe extern "C" fn kpam_scene_add_body(
+    scene: *mut kpam_scene,
+    name: *const c_char,
+    role: u32,
+    shapes: *const *const kpam_shape,
+    count: usize,
+    pose: *const f64,
 ) -> kpam_status {
-    let find = || {
+    let add = |scene: &kpam_scene| {
         // SAFETY: guaranteed by the caller.
-        let scene = &unsafe { held(scene, "scene") }?.0;
-        let n = scene.robot().joints().len();
+        let (name, pose) = unsafe { (text(name, "name")?, optional_pose(pose, "pose")?) };
+        let role = match role {
+            x if x == kpam_role::KPAM_ROLE_RIGID as u32 => Role::Rigid,
+            x if x == kpam_role::KPAM_ROLE_ATTACHED as u32 => Role::Attached,
+            x => return Err(Fault::invalid(format!("role: {x} is no member of kpam_role"))),
+        };
         // SAFETY: guaranteed by the caller.
-        let (start, goal) = unsafe { (numbers(q_start, n, "q_start")?, numbers(q_goal, n, "q_goal")?) };
-        // SAFETY: guaranteed by the caller.
-        let options = unsafe { options.as_ref() }.copied().unwrap_or_else(|| kpam_options_default()).transit()?;
-        let found = plan_to(scene, start, &Goal::Joints(vec![goal.to_vec()]), &options).map_err(Fault::invalid)?;
-        let motion = found.map_err(|why| Fault(kpam_status::KPAM_NO_MOTION, why.to_string()))?;
-        Ok(kpam_trajectory(motion.trajectory))
+        let shapes = unsafe { array(shapes, count, 1, "shapes") }?;
+        let mut body = Body::builder(name, role).pose(pose);
+        for (k, shape) in shapes.iter().enumerate() {
+            // SAFETY: guaranteed by the caller.
+            body = body.shapes(unsafe { held(*shape, &format!("shapes[{k}]")) }?.0.iter().cloned());
+        }
+        let mut bodies = scene.scene.bodies().to_vec();
+        bodies.push(body.build().map_err(Fault::invalid)?);
+        of_bodies(&scene.scene, bodies).map_err(Fault::invalid)
     };
     // SAFETY: guaranteed by the caller.
-    unsafe { giving(out, find) }
+    unsafe { change(scene, add) }
+}
+
+/// Removes a body.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+/// string.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_remove_body(scene: *mut kpam_scene, name: *const c_char) -> kpam_status {
+    let remove = |scene: &kpam_scene| {
+        // SAFETY: guaranteed by the caller.
+        let name = unsafe { text(name, "name") }?;
+        scene.scene.body(name).map_err(Fault::invalid)?;
+        let kept = scene.scene.bodies().iter().filter(|body| body.name() != name).cloned().collect();
+        of_bodies(&scene.scene, kept).map_err(Fault::invalid)
+    };
+    // SAFETY: guaranteed by the caller.
+    unsafe { change(scene, remove) }
+}
+
+/// Moves a body to another pose in the base frame, or in the frame of the hand link if the body is attached.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+/// string; `pose` is null or points to 16 numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_move_body(
+    scene: *mut kpam_scene,
+    name: *const c_char,
+    pose: *const f64,
+) -> kpam_status {
+    let shift = |scene: &kpam_scene| {
+        // SAFETY: guaranteed by the caller.
+        let (name, pose) = unsafe { (text(name, "name")?, crate::guard::pose(pose, "pose")?) };
+        scene.scene.with_pose(name, &pose).map_err(Fault::invalid)
+    };
+    // SAFETY: guaranteed by the caller.
+    unsafe { change(scene, shift) }
+}
+
+/// Attaches a body to the hand link, where the body is while the arm is at joints `q`; its role is then
+/// `KPAM_ROLE_ATTACHED`. If it overlaps another attached body, such as the tool, no motion can start.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed and that no other thread uses now; `name` is null or a zero-terminated
+/// string; `q` is null or points to `kpam_scene_joints` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_attach(scene: *mut kpam_scene, name: *const c_char, q: *const f64) -> kpam_status {
+    let attach = |scene: &kpam_scene| {
+        // SAFETY: guaranteed by the caller.
+        let (name, q) = unsafe { (text(name, "name")?, scene.row(q, "q")?) };
+        scene.scene.attached(name, &scene.hand(&q)?).map_err(Fault::invalid)
+    };
+    // SAFETY: guaranteed by the caller.
+    unsafe { change(scene, attach) }
+}
+
+/// Releases an attached body where it is while the arm is at joints `q`. It becomes an obstacle with the role
+/// `KPAM_ROLE_RIGID`.
+///
+/// # Safety
+/// As for `kpam_scene_attach`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_detach(scene: *mut kpam_scene, name: *const c_char, q: *const f64) -> kpam_status {
+    let detach = |scene: &kpam_scene| {
+        // SAFETY: guaranteed by the caller.
+        let (name, q) = unsafe { (text(name, "name")?, scene.row(q, "q")?) };
+        scene.scene.detached(name, &scene.hand(&q)?, None).map_err(Fault::invalid)
+    };
+    // SAFETY: guaranteed by the caller.
+    unsafe { change(scene, detach) }
+}
+
+/// Returns the name of a body; null if `scene` is null or the index is too large. The text is valid until the scene is
+/// changed or freed.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_body_name(scene: *const kpam_scene, index: usize) -> *const c_char {
+    // SAFETY: guaranteed by the caller.
+    unsafe { scene.as_ref() }.map_or(std::ptr::null(), |s| listed(&s.bodies, index))
+}
+
+/// Writes the pose of a body: 16 numbers, in the base frame, or in the frame of the hand link if the body is attached.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed; `name` is null or a zero-terminated string; `pose` is null or has
+/// room for 16 numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_body_pose(
+    scene: *const kpam_scene,
+    name: *const c_char,
+    pose: *mut f64,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: guaranteed by the caller.
+        let (scene, name) = unsafe { (held(scene, "scene")?, text(name, "name")?) };
+        let body = scene.scene.body(name).map_err(Fault::invalid)?;
+        // SAFETY: guaranteed by the caller.
+        unsafe { put_pose(pose, body.pose(), "pose") }
+    })
+}
+
+/// Marks the points of a camera's cloud (`count` x 3 numbers, m, base frame) that lie within `clearance` (m, 0 to 10)
+/// of the robot at joints `q` or of its attached bodies. Remove these points before the cloud becomes an obstacle.
+///
+/// # Safety
+/// `scene` is null or a scene that was not freed; `q` is null or points to `kpam_scene_joints` numbers; `points` is
+/// null or points to `count` x 3 numbers; `is_own` is null or has room for `count` values.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_scene_own_points(
+    scene: *const kpam_scene,
+    q: *const f64,
+    points: *const f64,
+    count: usize,
+    clearance: f64,
+    is_own: *mut bool,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: guaranteed by the caller.
+        let scene = unsafe { held(scene, "scene") }?;
+        if !(0.0..=10.0).contains(&clearance) {
+            return Err(Fault::invalid(format!("clearance: must lie in 0 to 10 m, not {clearance}")));
+        }
+        // SAFETY: guaranteed by the caller.
+        let (q, points) = unsafe { (scene.row(q, "q")?, crate::shape::points(points, count, "points")?) };
+        let marks: Vec<bool> = scene.scene.own_points(&q, &points, clearance).map_err(Fault::invalid)?;
+        // SAFETY: guaranteed by the caller.
+        unsafe { filled(is_own, count, 1, "is_own") }?.copy_from_slice(&marks);
+        Ok(())
+    })
 }
 
 /// Frees a scene; null is ignored.
@@ -180,8 +412,6 @@ pub unsafe extern "C" fn kpam_plan_joints(
 /// `scene` is null or a scene that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_scene_free(scene: *mut kpam_scene) {
-    if !scene.is_null() {
-        // SAFETY: guaranteed by the caller.
-        drop(unsafe { Box::from_raw(scene) });
-    }
+    // SAFETY: guaranteed by the caller.
+    unsafe { freed(scene) }
 }

@@ -1,26 +1,27 @@
-//! Timed motions: samples for control loops, the fastest stop, and the switch to another motion.
+//! Trajectories: samples for control loops, the fastest stop, and the switch to another trajectory.
 
 use gensim2_kpam::{Limits, RetimeOptions, Trajectory, retime};
 
-use crate::guard::{Fault, giving, guarded, held, kpam_status, numbers};
+use crate::guard::{Fault, array, filled, freed, giving, guarded, held, kpam_status, numbers, optional_numbers};
 
-/// A timed motion of all joints.
+/// A trajectory: position, velocity and acceleration of all joints as functions of time. It does not change, so several
+/// threads may use it at once.
 pub struct kpam_trajectory(pub(crate) Trajectory);
 
-/// Returns the start time of a motion (s); NaN if `trajectory` is null.
+/// Returns the start time of a trajectory (s); NaN if `trajectory` is null.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed.
+/// `trajectory` is null or a trajectory that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_start(trajectory: *const kpam_trajectory) -> f64 {
     // SAFETY: guaranteed by the caller.
     unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.start())
 }
 
-/// Returns the end time of a motion (s); NaN if `trajectory` is null.
+/// Returns the end time of a trajectory (s); NaN if `trajectory` is null.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed.
+/// `trajectory` is null or a trajectory that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_end(trajectory: *const kpam_trajectory) -> f64 {
     // SAFETY: guaranteed by the caller.
@@ -30,7 +31,7 @@ pub unsafe extern "C" fn kpam_trajectory_end(trajectory: *const kpam_trajectory)
 /// Returns the number of entries of a joint vector; 0 if `trajectory` is null.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed.
+/// `trajectory` is null or a trajectory that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajectory) -> usize {
     // SAFETY: guaranteed by the caller.
@@ -38,11 +39,11 @@ pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajecto
 }
 
 /// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each. Times before the
-/// start give the state at the start; after its end, the motion is at rest. The function takes no lock, and allocates
+/// start give the state at the start; after the end, the arm is at rest. The function takes no lock, and allocates
 /// no memory if it returns `KPAM_OK`.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; the other pointers are null or have room for
+/// `trajectory` is null or a trajectory that was not freed; the other pointers are null or have room for
 /// `kpam_trajectory_joints` numbers each, and do not overlap.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_sample_into(
@@ -58,17 +59,15 @@ pub unsafe extern "C" fn kpam_trajectory_sample_into(
         if !t.is_finite() {
             return Err(Fault::invalid(format!("t: {t} is not finite")));
         }
-        if position.is_null() || velocity.is_null() || acceleration.is_null() {
-            return Err(Fault::invalid("position, velocity and acceleration: one is null"));
-        }
         let n = motion.joints();
         // SAFETY: guaranteed by the caller.
-        let room = |data: *mut f64| unsafe { std::slice::from_raw_parts_mut(data, n) };
-        motion.sample_into(t, room(position), room(velocity), room(acceleration)).map_err(Fault::invalid)
+        let room = |data, name| unsafe { filled(data, n, 1, name) };
+        let (position, velocity) = (room(position, "position")?, room(velocity, "velocity")?);
+        motion.sample_into(t, position, velocity, room(acceleration, "acceleration")?).map_err(Fault::invalid)
     })
 }
 
-/// Creates a motion from another motion by calling `make`.
+/// Creates a trajectory from another one by calling `make`.
 unsafe fn made_of(
     trajectory: *const kpam_trajectory,
     out: *mut *mut kpam_trajectory,
@@ -80,13 +79,13 @@ unsafe fn made_of(
     unsafe { giving(out, || make(motion()?).map(kpam_trajectory)) }
 }
 
-/// Creates a stop that begins at time `t` (s) in the state of the motion and brakes along its path as hard as the
+/// Creates a stop that begins at time `t` (s) in the state of the trajectory and brakes along its path as hard as the
 /// limits of velocity, acceleration and jerk allow. If no stop along the path keeps the limits, for example just before
-/// the motion reverses, every joint stops independently as fast as it can, and the arm may leave the path. The stop may
-/// need more torque than the motion, and is not checked for collisions off the path.
+/// the path reverses, every joint stops independently as fast as it can, and the arm may leave the path. The stop may
+/// need more torque than the trajectory, and is not checked for collisions off the path.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` can be written.
+/// `trajectory` is null or a trajectory that was not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_brake(
     trajectory: *const kpam_trajectory,
@@ -97,10 +96,10 @@ pub unsafe extern "C" fn kpam_trajectory_brake(
     unsafe { made_of(trajectory, out, |motion| motion.brake(t).map_err(Fault::invalid)) }
 }
 
-/// Creates the part of a motion from time `t` (s) on. Use it to keep a repeatedly spliced motion short.
+/// Creates the part of a trajectory from time `t` (s) on. Use it to keep a repeatedly spliced trajectory short.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed; `out` can be written.
+/// `trajectory` is null or a trajectory that was not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_since(
     trajectory: *const kpam_trajectory,
@@ -111,12 +110,12 @@ pub unsafe extern "C" fn kpam_trajectory_since(
     unsafe { made_of(trajectory, out, |motion| motion.since(t).map_err(Fault::invalid)) }
 }
 
-/// Creates the motion that follows `trajectory` until time `t` (s) and `next` from then on. Both must have the same
-/// state at `t` (within 1e-6 in position, velocity and acceleration), and the same values of joints that neither motion
-/// moves.
+/// Creates the trajectory that follows `trajectory` until time `t` (s) and `next` from then on. Both must have the same
+/// state at `t` (within 1e-6 in position, velocity and acceleration), and the same values of joints that neither of
+/// them moves.
 ///
 /// # Safety
-/// `trajectory` and `next` are null or motions that were not freed; `out` can be written.
+/// `trajectory` and `next` are null or trajectories that were not freed; `out` can be written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_splice(
     trajectory: *const kpam_trajectory,
@@ -130,9 +129,9 @@ pub unsafe extern "C" fn kpam_trajectory_splice(
     unsafe { made_of(trajectory, out, |motion| motion.splice(next()?, t).map_err(Fault::invalid)) }
 }
 
-/// Creates the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration
-/// and jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`;
-/// null means at rest.
+/// Creates the fastest trajectory found through waypoints (`count` rows of `joints` numbers) within velocity,
+/// acceleration and jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and
+/// `start_acceleration`; null means at rest.
 ///
 /// # Safety
 /// All pointers except `out` are null or point to arrays of the sizes above; `out` can be written.
@@ -157,16 +156,15 @@ pub unsafe extern "C" fn kpam_retime(
         // SAFETY: guaranteed by the caller.
         let list = |data, name| unsafe { numbers(data, joints, name) };
         // SAFETY: guaranteed by the caller.
-        let rows = unsafe { numbers(waypoints, count * joints, "waypoints") }?;
+        let rows = unsafe { array(waypoints, count, joints, "waypoints") }?;
         let limits = Limits::new(
             list(velocity_limits, "velocity_limits")?,
             list(acceleration_limits, "acceleration_limits")?,
             list(jerk_limits, "jerk_limits")?,
         )
         .map_err(Fault::invalid)?;
-        let optional = |data: *const f64, name| {
-            if data.is_null() { Ok(None) } else { list(data, name).map(|l| Some(l.to_vec())) }
-        };
+        // SAFETY: guaranteed by the caller.
+        let optional = |data, name| unsafe { optional_numbers(data, joints, name) };
         let mut options = RetimeOptions::default();
         options.start_velocity = optional(start_velocity, "start_velocity")?;
         options.start_acceleration = optional(start_acceleration, "start_acceleration")?;
@@ -178,14 +176,12 @@ pub unsafe extern "C" fn kpam_retime(
     unsafe { giving(out, make) }
 }
 
-/// Frees a motion; null is ignored.
+/// Frees a trajectory; null is ignored.
 ///
 /// # Safety
-/// `trajectory` is null or a motion that was not freed.
+/// `trajectory` is null or a trajectory that was not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kpam_trajectory_free(trajectory: *mut kpam_trajectory) {
-    if !trajectory.is_null() {
-        // SAFETY: guaranteed by the caller.
-        drop(unsafe { Box::from_raw(trajectory) });
-    }
+    // SAFETY: guaranteed by the caller.
+    unsafe { freed(trajectory) }
 }

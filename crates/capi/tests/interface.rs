@@ -3,10 +3,14 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use gensim2_capi::{kpam_retime, kpam_status, kpam_trajectory_end, kpam_trajectory_free, kpam_trajectory_sample_into};
+
+mod compiled;
+
+use compiled::{built, compile, root, run, ur5};
 
 /// The system's allocator, which also counts the allocations of this thread.
 struct Counting;
@@ -31,10 +35,6 @@ unsafe impl GlobalAlloc for Counting {
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
-
-fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-}
 
 #[test]
 fn the_header_is_current() {
@@ -78,33 +78,37 @@ fn sampling_allocates_nothing() {
     unsafe { kpam_trajectory_free(motion) };
 }
 
-/// Returns the folder with the library that was built together with this test.
-fn built() -> PathBuf {
-    let program = std::env::current_exe().unwrap();
-    let above: Vec<&Path> = program.ancestors().skip(1).take(2).collect();
-    above.iter().find(|folder| folder.join("libgensim2_capi.so").is_file()).unwrap().to_path_buf()
-}
-
 #[test]
 fn a_program_in_c_drives_a_motion_at_1_khz() {
-    let folder = built();
-    let program = folder.join("gensim2_servo");
-    let compiled = Command::new("cc")
-        .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-O1"])
-        .arg(format!("-I{}", root().join("include").display()))
-        .arg(root().join("examples/servo.c"))
-        .arg(format!("-L{}", folder.display()))
-        .arg(format!("-Wl,-rpath,{}", folder.display()))
-        .args(["-lgensim2_capi", "-lm", "-o"])
-        .arg(&program)
-        .output()
-        .expect("cc is needed to test the interface");
-    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
-    let urdf: &Path = &root().join("../../examples/robots/ur5.urdf");
-    let run = Command::new(&program).arg(urdf).arg("flange").output().expect("the program runs");
-    let (said, complained) = (String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr));
-    assert!(run.status.success(), "{said}{complained}");
+    let program = compile("examples/servo.c");
+    let said = run(&program, &[&ur5(), Path::new("flange")]);
     assert!(said.contains("refused: q_start is null"), "{said}");
     let missing = Command::new(&program).args(["no.urdf", "flange"]).output().expect("the program runs");
     assert!(String::from_utf8_lossy(&missing.stderr).contains("no.urdf"));
+}
+
+#[test]
+fn a_program_in_c_picks_and_places_a_part() {
+    let said = run(&compile("examples/pick.c"), &[&ur5()]);
+    for part in ["4 postures above the part", "warning: limits on acceleration", "new goal: ", "planning was cancelled"]
+    {
+        assert!(said.contains(part), "{part:?} is missing in {said}");
+    }
+}
+
+#[test]
+fn the_header_is_valid_c_plus_plus() {
+    let source = built().join("gensim2_header.cpp");
+    std::fs::write(
+        &source,
+        "#include \"gensim2_kpam.h\"\nint main() { return kpam_abi_version() != KPAM_ABI_VERSION; }\n",
+    )
+    .unwrap();
+    let compiled = Command::new("c++")
+        .args(["-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"])
+        .arg(format!("-I{}", root().join("include").display()))
+        .arg(&source)
+        .output()
+        .expect("c++ is needed to test the header");
+    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
 }

@@ -3,12 +3,14 @@
 //! Boxes, spheres, capsules, hulls, triangles and cloud points are all such hulls, so one distance query serves every
 //! pair.
 
+use std::path::Path;
+
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::pose::rotated;
-use crate::{Aabb, Corners, Pose, ShapeError};
+use crate::{Aabb, Corners, Pose, ShapeError, mesh};
 
 /// Number of sides of the prism that approximates a cylinder. The prism is circumscribed: at its corners it is up to
 /// 0.5 % wider than the cylinder, and never narrower.
@@ -123,6 +125,20 @@ impl Convex {
             }
         }
         Self::hull(&points)
+    }
+
+    /// Creates the hull of the surface in a mesh file (.stl, .ply, .obj, .dae, .glb or .gltf). `scale` multiplies the x,
+    /// y and z coordinates of its vertices, for example 0.001 each for a file in millimetres.
+    ///
+    /// # Errors
+    /// The file cannot be read or has no faces, or a factor is zero or not finite.
+    pub fn hull_of_file(path: impl AsRef<Path>, scale: [f64; 3]) -> Result<Self, ShapeError> {
+        if scale.iter().any(|factor| !factor.is_finite() || *factor == 0.0) {
+            return Err(ShapeError::new("scale", "a factor is 0 or not finite; use finite factors other than 0"));
+        }
+        let vertices = mesh::read(path.as_ref()).map_err(|why| ShapeError::new("path", why))?;
+        let scaled = |v: &Point3<f64>| Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2]);
+        Self::hull(&vertices.iter().map(scaled).collect::<Vec<_>>())
     }
 
     /// Vertices of the hull, in the shape's frame.

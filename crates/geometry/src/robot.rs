@@ -391,6 +391,25 @@ impl Robot {
         };
         moved.ok().map(|()| frames.tip)
     }
+
+    /// Returns the Jacobian of a chain's link by joints, at the frames that [`Chain::forward`] computed: the linear
+    /// velocity of the link's origin and its angular velocity (base frame) while a joint moves at unit speed. The motion
+    /// of mimic joints belongs to their sources; their own columns are zero.
+    #[must_use]
+    pub fn jacobian(&self, chain: &Chain, frames: &ChainFrames) -> Vec<[f64; 6]> {
+        let mut columns = vec![[0.0; 6]; self.joints.len()];
+        let tip = frames.tip.translation.vector;
+        for (i, j) in chain.joint_indices().enumerate() {
+            let (Some(linear), Some(angular)) = (chain.linear(frames, i, &tip), chain.angular(frames, i)) else {
+                continue;
+            };
+            let Some(drive) = self.drive(j) else { continue };
+            for (entry, speed) in columns[drive.source].iter_mut().zip(linear.iter().chain(&angular)) {
+                *entry += drive.multiplier * speed;
+            }
+        }
+        columns
+    }
 }
 
 fn read_text(path: &Path) -> Result<String, UrdfError> {

@@ -103,8 +103,20 @@ pub(crate) fn pose(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Pose> {
     if shape != [4, 4] {
         return Err(problem_error(field, format!("must be a (4, 4) pose, not of shape {shape:?}")));
     }
-    let matrix = Matrix4::from_row_slice(&data);
-    pose_from_matrix(&matrix, RIGID)
+    rigid(&data, field)
+}
+
+/// Reads poses (K, 4, 4).
+pub(crate) fn poses(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<Pose>> {
+    let (data, shape) = numbers(value, field)?;
+    if shape.len() != 3 || shape[1..] != [4, 4] {
+        return Err(problem_error(field, format!("must be (K, 4, 4) poses, not of shape {shape:?}")));
+    }
+    data.chunks_exact(16).enumerate().map(|(k, rows)| rigid(rows, &format!("{field}[{k}]"))).collect()
+}
+
+fn rigid(rows: &[f64], field: &str) -> PyResult<Pose> {
+    pose_from_matrix(&Matrix4::from_row_slice(rows), RIGID)
         .ok_or_else(|| problem_error(field, "is not a finite rigid transform (rotation orthonormal, last row 0 0 0 1)"))
 }
 

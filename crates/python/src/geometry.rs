@@ -234,24 +234,14 @@ impl PyRobot {
         let n = self.0.joints().len();
         let q = JointRows::of_robot(q, &self.0)?;
         let chain = self.chain(link)?;
-        // A mimic joint moves with its source, so its motion belongs to the column of the source.
-        let columns: Vec<(usize, f64)> = chain
-            .joint_indices()
-            .map(|j| self.0.drive(j).map_or((j, 1.0), |drive| (drive.source, drive.multiplier)))
-            .collect();
         let mut frames = ChainFrames::default();
         let count = q.rows().len();
         let mut out = vec![0.0; count * 6 * n];
         for (r, row) in q.rows().enumerate() {
             chain.forward(row, &mut frames).map_err(|e| problem_error("q", e))?;
-            let tip = frames.tip.translation.vector;
             let block = &mut out[r * 6 * n..(r + 1) * 6 * n];
-            for (i, (j, factor)) in columns.iter().enumerate() {
-                let (Some(v), Some(w)) = (chain.linear(&frames, i, &tip), chain.angular(&frames, i)) else { continue };
-                for k in 0..3 {
-                    block[k * n + j] += factor * v[k];
-                    block[(k + 3) * n + j] += factor * w[k];
-                }
+            for (j, column) in self.0.jacobian(&chain, &frames).iter().enumerate() {
+                (0..6).for_each(|k| block[k * n + j] = column[k]);
             }
         }
         if q.count.is_none() {

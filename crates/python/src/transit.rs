@@ -120,21 +120,22 @@ impl PyMotion {
     }
 }
 
-/// Reads joint vectors (n,) or (K, n), or a pose (4, 4) with its link. For a robot with four joints, a rigid transform
+/// Reads joint vectors (n,) or (K, n), or poses (4, 4) or (K, 4, 4) of a link. For a robot with four joints, a rigid transform
 /// is a pose.
 fn goal_of(goal: &Bound<'_, PyAny>, field: &str, joints: usize, link: Option<String>) -> PyResult<Goal> {
     let (values, shape) = convert::numbers(goal, field)?;
     match (shape.as_slice(), link) {
         ([4, 4], link) if link.is_some() || joints != 4 || convert::pose(goal, field).is_ok() => {
-            Ok(Goal::Pose { pose: convert::pose(goal, field)?, link })
+            Ok(Goal::Poses { poses: vec![convert::pose(goal, field)?], link })
         }
+        ([_, 4, 4], link) => Ok(Goal::Poses { poses: convert::poses(goal, field)?, link }),
         ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
         ([k, n], None) if *n == joints && *k > 0 => {
             Ok(Goal::Joints(values.chunks_exact((*n).max(1)).map(<[f64]>::to_vec).collect()))
         }
         _ => Err(problem_error(
             field,
-            format!("must have shape ({joints},) or (K, {joints}), or (4, 4) of a link, not {shape:?}"),
+            format!("must have shape ({joints},) or (K, {joints}), or (4, 4) or (K, 4, 4) of a link, not {shape:?}"),
         )),
     }
 }

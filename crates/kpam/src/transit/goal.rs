@@ -4,6 +4,7 @@ use gensim2_geometry::Pose;
 
 use super::ik::Ask;
 use super::{SLACK, TransitOptions, within_limits};
+use crate::body::rigid;
 use crate::error::for_each_joint;
 use crate::model::{Model, Row};
 use crate::{Cancel, ProblemError, Scene};
@@ -14,20 +15,25 @@ use crate::{Cancel, ProblemError, Scene};
 pub enum Goal {
     /// The motion may end at any of these joint vectors. Each has one entry for each joint.
     Joints(Vec<Vec<f64>>),
-    /// The motion ends with a link at this pose in the base frame.
-    Pose {
-        /// Target pose of the link.
-        pose: Pose,
+    /// The motion ends with a link at any of these poses.
+    Poses {
+        /// Target poses of the link in the base frame, 1 to 256.
+        poses: Vec<Pose>,
         /// Name of the link; the hand if `None`.
         link: Option<String>,
     },
 }
 
-/// Number of inverse kinematics solutions that serve as goals for a pose.
-const GOALS: usize = 16;
+/// Maximum number of poses.
+const MAX_POSES: usize = 256;
+/// Number of inverse kinematics solutions that serve as goals: for all poses together, and for each pose at least and at
+/// most.
+const GOALS: usize = 128;
+const GOALS_PER_POSE: [usize; 2] = [2, 16];
 
 impl Goal {
-    /// Returns the joint vectors of the goals, reduced to the planned variables; empty if a goal pose is unreachable.
+    /// Returns the joint vectors of the goals, reduced to the planned variables, each with the index of its goal; empty if
+    /// no goal pose is reachable.
     pub(super) fn joints(
         &self,
         scene: &Scene,
@@ -35,7 +41,7 @@ impl Goal {
         q_start: &[f64],
         options: &TransitOptions,
         over: &Cancel,
-    ) -> Result<Vec<Row>, ProblemError> {
+    ) -> Result<Vec<(usize, Row)>, ProblemError> {
         match self {
             Self::Joints(list) => {
                 if list.is_empty() {
@@ -48,18 +54,29 @@ impl Goal {
                         for_each_joint(&field, q, q_start.len())?;
                         check_others(scene, model, &field, q_start, q)?;
                         let x = model.unwound(&model.pick(q), &model.start());
-                        within_limits(model, &field, &x).map(|()| x)
+                        within_limits(model, &field, &x).map(|()| (k, x))
                     })
                     .collect()
             }
-            Self::Pose { pose, link } => {
+            Self::Poses { poses, link } => {
+                if !(1..=MAX_POSES).contains(&poses.len()) {
+                    let message = format!("must contain 1 to {MAX_POSES} poses, not {}", poses.len());
+                    return Err(ProblemError::new("goal", message));
+                }
+                poses.iter().enumerate().try_for_each(|(k, pose)| rigid(&format!("goal[{k}]"), pose))?;
                 // The motion may also end where the current motion ends.
                 let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
                 let first: Vec<Row> =
                     last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
-                let mut ask = Ask::new(pose, link.as_deref(), over);
-                (ask.max_solutions, ask.seed, ask.first) = (GOALS, options.seed, &first);
-                ask.rows(scene, model)
+                let [least, most] = GOALS_PER_POSE;
+                let mut out = Vec::new();
+                for (k, pose) in poses.iter().enumerate() {
+                    let mut ask = Ask::new(pose, link.as_deref(), over);
+                    ask.max_solutions = (GOALS / poses.len()).clamp(least, most);
+                    (ask.seed, ask.first) = (options.seed, &first);
+                    out.extend(ask.rows(scene, model)?.into_iter().map(|x| (k, x)));
+                }
+                Ok(out)
             }
         }
     }

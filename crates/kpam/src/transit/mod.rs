@@ -102,7 +102,7 @@ pub fn plan_to(
         return Ok(Err(transit.ending.reason().unwrap_or(NoMotion::Unreachable)));
     }
     if let Some(along) = &mut transit.along {
-        transit.goals.iter().try_for_each(|x| along.check(&model, "goal", x))?;
+        transit.goals.iter().try_for_each(|(_, x)| along.check(&model, "goal", x))?;
     }
     if transit.is_moving {
         let [position, velocity, acceleration] = &transit.state;
@@ -151,7 +151,8 @@ struct Transit<'a> {
     state: State,
     /// Whether the start is moving.
     is_moving: bool,
-    goals: Vec<Row>,
+    /// Joint values of the goals, each with the index of its goal.
+    goals: Vec<(usize, Row)>,
     ending: Ending,
     /// Flag that ends planning.
     over: Cancel,
@@ -219,14 +220,14 @@ impl Transit<'_> {
         }
         let mut open: Vec<(usize, Row, Close)> = Vec::new();
         let mut blocked = None;
-        for (k, goal) in self.goals.iter().enumerate() {
+        for (k, goal) in &self.goals {
             if let Some(reason) = self.ending.reason() {
                 return Err(reason);
             }
             let close = self.close(goal);
             match overlap(&close) {
                 Some(hit) => blocked = blocked.or(Some(hit)),
-                None => open.push((k, *goal, close)),
+                None => open.push((*k, *goal, close)),
             }
         }
         if let (true, Some(hit)) = (open.is_empty(), blocked) {
