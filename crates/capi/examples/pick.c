@@ -182,7 +182,7 @@ int main(int count, char **arguments)
     /* Go above the part, with whichever of the four rotations about the vertical is easiest to reach. */
     kpam_options options;
     must(kpam_options_init(&options, sizeof options), "options");
-    options.deadline_ms = 10000.0;
+    options.deadline_ms = 60000.0;
     kpam_motion *motion = NULL;
     must(kpam_plan_to_poses(scene, q, above[0], 4, NULL, &options, &motion), "to the part");
     for (size_t k = 0; kpam_motion_warning(motion, k) != NULL; k++) {
