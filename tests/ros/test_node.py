@@ -1,4 +1,4 @@
-"""The ROS 2 node on a fake rclpy, which calls its callbacks; scripts/check_ros.sh runs the node on the real one."""
+"""The ROS 2 node on a fake rclpy, which calls its callbacks."""
 
 from __future__ import annotations
 
@@ -20,6 +20,22 @@ JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_j
 PARAMETERS = {"robot_description": UR5.read_text(encoding="utf-8"), "group": "manipulator", "hand_link": "flange"}
 
 
+class FakeLogger:
+    """A logger that collects texts and, like rclpy, refuses another severity at the same line of the caller."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self._severities: dict[int, str] = {}
+
+    def __getattr__(self, severity: str) -> Callable[[str], None]:
+        def log(text: str) -> None:
+            line = sys._getframe(1).f_lineno
+            assert self._severities.setdefault(line, severity) == severity, "Logger severity cannot be changed"
+            self.texts.append(text)
+
+        return log
+
+
 class FakeNode:
     """A node without ROS 2: parameters of ``given``, and callbacks by the name of their service or topic."""
 
@@ -28,7 +44,7 @@ class FakeNode:
     def __init__(self, name: str) -> None:
         self.name = name
         self.callbacks: dict[str, Callable[..., Any]] = {}
-        self.log: list[str] = []
+        self.logger = FakeLogger()
 
     def declare_parameter(self, name: str, default: Any) -> Any:
         value = self.given.get(name, default)
@@ -41,8 +57,8 @@ class FakeNode:
     def create_subscription(self, _kind: Any, topic: str, callback: Callable[..., Any], _qos: Any) -> None:
         self.callbacks[topic] = callback
 
-    def get_logger(self) -> Any:
-        return SimpleNamespace(info=self.log.append, warning=self.log.append, error=self.log.append)
+    def get_logger(self) -> FakeLogger:
+        return self.logger
 
 
 @pytest.fixture
@@ -86,10 +102,10 @@ def test_the_services_plan_in_the_scene_of_the_topics(node: Any) -> None:
     assert planning.callbacks["apply_planning_scene"](applied, SimpleNamespace()).success
     around = plan(planning).trajectory.joint_trajectory
     assert len(around.points) > len(straight.points) > 2
-    assert planning.log[-1].startswith("SUCCESS after")
+    assert planning.logger.texts[-1].startswith("SUCCESS after")
     applied = SimpleNamespace(scene=difference(thing("x", primitive(1, 0.1, 0.1, 0.1), header=header("map"))))
     assert not planning.callbacks["apply_planning_scene"](applied, SimpleNamespace()).success
-    assert planning.log[-1].startswith("FRAME_TRANSFORM_FAILURE: world.collision_objects[0].header.frame_id")
+    assert planning.logger.texts[-1].startswith("FRAME_TRANSFORM_FAILURE: world.collision_objects[0].header.frame_id")
     planning.callbacks["planning_scene"](message("moveit_msgs/msg/PlanningScene"))
     assert len(plan(planning).trajectory.joint_trajectory.points) == len(straight.points)
     assert "points" not in planning.callbacks

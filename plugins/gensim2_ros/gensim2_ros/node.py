@@ -108,7 +108,11 @@ class PlanningNode(Node):
         answer = self.planner.plan(request.motion_plan_request)
         response.motion_plan_response = motion_plan_response(self.planner.arm, answer, self._time_step, make)
         text = f"{answer.code.name} after {answer.planning_time:.3f} s {answer.message}".rstrip()
-        (self.get_logger().info if answer.trajectory is not None else self.get_logger().warning)(text)
+        # rclpy refuses another severity at the same line.
+        if answer.trajectory is not None:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().warning(text)
         return response
 
     def _apply(self, request: Any, response: Any) -> Any:
@@ -136,11 +140,13 @@ def main(args: list[str] | None = None) -> None:
     """Run the node until it is interrupted."""
     rclpy.init(args=args)
     try:
-        rclpy.spin(PlanningNode())
+        try:
+            node = PlanningNode()
+        except (ValueError, kpam.KpamError) as error:
+            raise SystemExit(f"gensim2_ros: {error}") from error
+        rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (ValueError, kpam.KpamError) as error:
-        raise SystemExit(f"gensim2_ros: {error}") from error
     finally:
         rclpy.try_shutdown()
 
