@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.bench import bench_solver
+from gensim2.bench import solve_problems
 
 pytest.importorskip("mani_skill")
 pytestmark = pytest.mark.usefixtures("peers")
@@ -20,11 +20,8 @@ Spoil = Callable[[dict[str, Any], dict[str, Any]], None]
 
 
 @pytest.fixture(scope="module")
-def good(problem_file: Path, assets: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    out = tmp_path_factory.mktemp("good") / "out.jsonl"
-    bench_solver(problem_file, out, assets=assets)
-    record: dict[str, Any] = json.loads(out.read_text().splitlines()[0])
-    return record
+def good(problem_file: Path, assets: Path) -> dict[str, Any]:
+    return solve_problems(problem_file, assets=assets)[0]
 
 
 def errors_of(problem: dict[str, Any], record: dict[str, Any], assets: Path) -> str:

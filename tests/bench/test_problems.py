@@ -10,14 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.bench.problems import PlanProblem, parse_problem, read_problems
+from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.core.errors import InputError
 
 Spoil = Callable[[dict[str, Any]], None]
+Parse = Callable[[str], PlanProblem]
 
 
-def parse(problem: dict[str, Any]) -> PlanProblem:
-    return parse_problem(json.dumps(problem), file="p.jsonl", number=7)
+@pytest.fixture
+def parse(tmp_path: Path) -> Parse:
+    """Return a function that reads a problem from line 7 of a file."""
+
+    def read(line: str) -> PlanProblem:
+        (tmp_path / "p.jsonl").write_text("\n" * 6 + line)
+        return read_problems(tmp_path / "p.jsonl")[0]
+
+    return read
 
 
 def test_reads_in_order(problem_file: Path) -> None:
@@ -31,10 +39,10 @@ def test_reads_in_order(problem_file: Path) -> None:
     "field",
     [name for name, field in PlanProblem.model_fields.items() if field.is_required() and name != "object_axis"],
 )
-def test_a_missing_field_is_named(problem: dict[str, Any], field: str) -> None:
+def test_a_missing_field_is_named(parse: Parse, problem: dict[str, Any], field: str) -> None:
     del problem[field]
     with pytest.raises(InputError, match=rf"p\.jsonl: line 7: {field}"):
-        parse(problem)
+        parse(json.dumps(problem))
 
 
 def spoil_pose(problem: dict[str, Any]) -> None:
@@ -88,24 +96,24 @@ def spoil_axis(problem: dict[str, Any]) -> None:
         (spoil_axis, "object_axis"),
     ],
 )
-def test_a_bad_value_is_named(problem: dict[str, Any], spoil: Spoil, field: str) -> None:
+def test_a_bad_value_is_named(parse: Parse, problem: dict[str, Any], spoil: Spoil, field: str) -> None:
     spoil(problem)
     with pytest.raises(InputError, match=rf"line 7: {field}"):
-        parse(problem)
+        parse(json.dumps(problem))
 
 
 @pytest.mark.parametrize("constant", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_numbers_are_finite(problem: dict[str, Any], constant: str) -> None:
+def test_numbers_are_finite(parse: Parse, problem: dict[str, Any], constant: str) -> None:
     problem["q_current"][3] = -123.456
     line = json.dumps(problem).replace("-123.456", constant)
-    with pytest.raises(InputError, match="line 2"):
-        parse_problem(line, file="p.jsonl", number=2)
+    with pytest.raises(InputError, match="line 7"):
+        parse(line)
 
 
 @pytest.mark.parametrize("line", ["{", "[1]", "null", '"x"', "[" * 100_000])
-def test_what_is_no_object_is_refused(line: str) -> None:
-    with pytest.raises(InputError, match="line 1"):
-        parse_problem(line, file="p.jsonl", number=1)
+def test_what_is_no_object_is_refused(parse: Parse, line: str) -> None:
+    with pytest.raises(InputError, match="line 7"):
+        parse(line)
 
 
 def test_files_are_whole(tmp_path: Path, problem: dict[str, Any]) -> None:
@@ -123,14 +131,14 @@ def test_files_are_whole(tmp_path: Path, problem: dict[str, Any]) -> None:
         read_problems(path)
 
 
-def test_an_axis_frame_that_is_none_reads_as_world(problem: dict[str, Any]) -> None:
+def test_an_axis_frame_that_is_none_reads_as_world(parse: Parse, problem: dict[str, Any]) -> None:
     problem["config"]["constraint_list"][1]["target_axis_frame"] = "frame_axis_parallel"
-    parsed = parse(problem)
+    parsed = parse(json.dumps(problem))
     assert parsed.odd_frames() == ["frame_axis_parallel"]
     assert parsed.timed_config()["constraint_list"][1]["target_axis_frame"] == "world"
 
 
-def test_single_precision_poses_become_rotations(problem: dict[str, Any]) -> None:
+def test_single_precision_poses_become_rotations(parse: Parse, problem: dict[str, Any]) -> None:
     problem["T_base_object"] = np.asarray(problem["T_base_object"], dtype=np.float32).tolist()
-    rotation = parse(problem).pose("T_base_object")[:3, :3]
+    rotation = parse(json.dumps(problem)).pose("T_base_object")[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)

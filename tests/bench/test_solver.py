@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.bench import bench_solver
+from gensim2.bench import solve_problems, summary_of
+from gensim2.bench.convert import Frames
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError
 
@@ -34,16 +35,12 @@ FIELDS = {
 }
 
 
-def records(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 @pytest.fixture(scope="module")
-def solved(problem_file: Path, assets: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
-    out = tmp_path_factory.mktemp("out") / "out.jsonl"
-    summary = bench_solver(problem_file, out, assets=assets, sample_dt=0.5)
+def solved(problem_file: Path, assets: Path) -> list[dict[str, Any]]:
+    records = solve_problems(problem_file, assets=assets, sample_dt=0.5)
+    summary = summary_of(records)
     assert (summary.problems, summary.with_actuation) == (2, 1)
-    return records(out)
+    return records
 
 
 def test_fields(solved: list[dict[str, Any]]) -> None:
@@ -77,11 +74,8 @@ def test_what_cannot_be_solved_says_so(solved: list[dict[str, Any]]) -> None:
     assert far["cpu_ms"]["total"] > 0.0
 
 
-def test_threads_change_nothing_but_the_times(
-    problem_file: Path, assets: Path, tmp_path: Path, solved: list[dict[str, Any]]
-) -> None:
-    bench_solver(problem_file, tmp_path / "two.jsonl", assets=assets, sample_dt=0.5, threads=2)
-    for one, two in zip(solved, records(tmp_path / "two.jsonl"), strict=True):
+def test_threads_change_nothing_but_the_times(problem_file: Path, assets: Path, solved: list[dict[str, Any]]) -> None:
+    for one, two in zip(solved, solve_problems(problem_file, assets=assets, sample_dt=0.5, threads=2), strict=True):
         assert {**one, "cpu_ms": None} == {**two, "cpu_ms": None}
 
 
@@ -102,9 +96,9 @@ def test_frames_differ_where_the_yaw_turns_a_list_motion(tmp_path: Path, problem
     path = tmp_path / "p.jsonl"
     path.write_text(json.dumps(problem) + "\n")
     ends = {}
-    for frames in ("original", "object"):
-        bench_solver(path, tmp_path / "out.jsonl", frames=frames)
-        record = records(tmp_path / "out.jsonl")[0]
+    choices: tuple[Frames, ...] = ("original", "object")
+    for frames in choices:
+        record = solve_problems(path, frames=frames)[0]
         frame = {each["time"]: np.asarray(each["T_base_hand"]) for each in record["keyframes"]}
         ends[frames] = frame[24][:3, :3].T @ (frame[28] - frame[24])[:3, 3]
     np.testing.assert_allclose(ends["object"], [-0.05, 0.0, 0.0], atol=1e-9)
@@ -124,13 +118,13 @@ def test_bad_input(
     assert "line 2" in error
     assert not out.exists()
     with pytest.raises(InputError, match="--sample-dt"):
-        bench_solver(problem_file, out, sample_dt=0.0)
+        solve_problems(problem_file, sample_dt=0.0)
     with pytest.raises(InputError, match="articulated_objs"):
-        bench_solver(problem_file, out, assets=tmp_path)
+        solve_problems(problem_file, assets=tmp_path)
     problem["config"]["constraint_list"][0]["type"] = "glue"
     broken.write_text(json.dumps(problem) + "\n")
     with pytest.raises(InputError, match=r"CloseCabinet/0.*glue"):
-        bench_solver(broken, out)
+        solve_problems(broken)
     assert list(tmp_path.iterdir()) == [broken]
 
 
@@ -138,4 +132,4 @@ def test_command(problem_file: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     out = tmp_path / "out.jsonl"
     assert run(["bench", "solver", "--problems", str(problem_file), "--json", str(out)]) == 0
     assert "actuation_infeasible 1, solved 1" in capsys.readouterr().out
-    assert set(records(out)[0]) == FIELDS
+    assert set(json.loads(out.read_text().splitlines()[0])) == FIELDS

@@ -7,19 +7,18 @@ module, such as ``reference``.
 
 from __future__ import annotations
 
-import json
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, model_validator
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
-from gensim2.core.validation import input_error
+from gensim2.core.record_files import parse_record
 
 Array = npt.NDArray[np.float64]
 
@@ -74,7 +73,7 @@ Times = Annotated[list[FiniteFloat], AfterValidator(_is_increasing)]
 
 
 class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=False)
+    model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class ArticulatedRecord(_Record):
@@ -176,12 +175,8 @@ class PlanProblem(_Record):
             "post_actuation_times": list(self.post_actuation_times),
         }
 
-    def check_times(self) -> None:
-        """Check that the keyframe times increase and that the config has one time for each motion.
-
-        Raises:
-            ValueError: the times do not increase, or the numbers of times and motions differ.
-        """
+    @model_validator(mode="after")
+    def _has_times_for_its_motions(self) -> Self:
         for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
@@ -193,52 +188,11 @@ class PlanProblem(_Record):
             raise ValueError(
                 "actuation_time: every keyframe must be later than start_time and than the keyframe before"
             )
+        return self
 
 
-def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a number")
-
-
-def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
-    """Parse one line of a problem file.
-
-    Args:
-        line: JSON text of one problem.
-        file: file name for messages.
-        number: line number for messages.
-
-    Raises:
-        InputError: the line is not JSON, or a field is missing, invalid, or not finite.
-    """
-    where = f"line {number}"
-    try:
-        data = json.loads(line, parse_constant=_no_constant)
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"the line is not valid JSON: {error.msg} at column {error.colno}",
-            file=file,
-            field=where,
-            remedy="write one JSON object on each line",
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(str(error), file=file, field=where, remedy="write finite numbers only") from error
-    if not isinstance(data, dict):
-        raise InputError(
-            "the line is not a JSON object", file=file, field=where, remedy="write one JSON object on each line"
-        )
-    try:
-        problem = PlanProblem.model_validate(data)
-    except ValidationError as error:
-        remedy = "see docs/reference/benchmarks.md for the fields"
-        raise input_error(error, file=file, within=where, remedy=remedy) from error
-    try:
-        problem.check_times()
-    except ValueError as error:
-        field, _, message = str(error).partition(": ")
-        raise InputError(
-            message, file=file, field=f"{where}: {field}", remedy="see docs/reference/benchmarks.md for the fields"
-        ) from error
-    return problem
+_PROBLEM = TypeAdapter(PlanProblem)
+_REMEDY = "see docs/reference/benchmarks.md for the fields"
 
 
 def read_problems(path: Path) -> list[PlanProblem]:
@@ -252,17 +206,12 @@ def read_problems(path: Path) -> list[PlanProblem]:
         problems = read_problems(Path("problems.jsonl"))
         ```
     """
-    remedy = "give a JSON Lines file"
-    try:
-        text = read_input(path, MAX_RECORD, remedy).decode()
-    except UnicodeDecodeError as error:
-        raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
     problems: list[PlanProblem] = []
     lines: dict[str, int] = {}
-    for number, line in enumerate(text.split("\n"), start=1):
+    for number, line in enumerate(read_input(path, MAX_RECORD, "give a JSON Lines file").split(b"\n"), start=1):
         if not line.strip():
             continue
-        problem = parse_problem(line, file=path, number=number)
+        problem = parse_record(line, _PROBLEM, path, _REMEDY, f"line {number}")
         if problem.id in lines:
             raise InputError(
                 f"the id {problem.id!r} is already used on line {lines[problem.id]}",

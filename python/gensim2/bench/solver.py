@@ -19,7 +19,6 @@ from gensim2.bench.convert import Frames, keypoint_problem
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.scene import check_assets, problem_scene
 from gensim2.core.errors import InputError
-from gensim2.core.files import check_writable, write_output
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
 #: Number of problems per thread that are passed to the solver in one call.
@@ -103,47 +102,6 @@ def record_of(
         record["sample_dt"] = sample_dt
         record["samples"] = None if trajectory is None else _listed(trajectory.sample_every(sample_dt))
     return record
-
-
-def bench_solver(
-    problems: Path,
-    out: Path,
-    *,
-    assets: Path | None = None,
-    frames: Frames = "original",
-    threads: int = 1,
-    sample_dt: float | None = None,
-    progress: Progress = NULL_PROGRESS,
-) -> BenchSummary:
-    """Solve every problem of a file and write the results to ``out`` as JSON Lines in the same order.
-
-    Args:
-        problems: JSON Lines file of planning problems, see ``gensim2.bench.problems``.
-        out: file to write.
-        assets: folder with the objects of the problems. Every object becomes an obstacle. If ``assets`` is None, the
-            table is the only obstacle.
-        frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
-        threads: number of solver threads, which does not affect results.
-        sample_dt: time step of the joint positions in the results, s. If ``sample_dt`` is None, the results contain no
-            joint positions.
-
-    Returns:
-        Summary of all problems: the number of problems with each status, median CPU times and the peak memory.
-
-    Raises:
-        InputError: as for :func:`solve_problems`, or ``out`` cannot be written.
-
-    Example:
-        ```python
-        summary = bench_solver(Path("problems.jsonl"), Path("results.jsonl"), threads=2)
-        ```
-    """
-    check_writable(out)
-    records = solve_problems(
-        problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
-    )
-    write_output(out, json_lines(records))
-    return summary_of(records)
 
 
 def json_lines(records: Sequence[dict[str, Any]]) -> str:
