@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gensim2.core.processes import Execution
 from gensim2.core.progress import Progress
@@ -22,14 +22,6 @@ from gensim2.tasks.spec import TaskSpec
 if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
     from gensim2.rollout.runner import EpisodeRunner
-
-Made = TypeVar("Made", bound="Told")
-
-
-class Told(Protocol):
-    """Interface of results that can be converted to a dictionary for JSON."""
-
-    def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +59,9 @@ class Table:
             "episodes_per_second": self.speeds,
             "cpu_s": round(self.cpu_s, 3),
         }
+
+
+Made = TypeVar("Made", bound=Table)
 
 
 @dataclass(frozen=True)

@@ -49,11 +49,6 @@ def distance_to_link(instance: ArticulatedObject, name: str) -> float:
     return float(np.linalg.norm(samples - point, axis=1).min())
 
 
-def world_rotation(instance: ArticulatedObject) -> Array:
-    """Return the rotation (3, 3) from the object's root frame to the world frame in the object's default placement."""
-    return instance.placement.rotation
-
-
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
     """Run all checks that need no simulation. Return the failed checks, and also the warnings that arose when the
     object's files were read.
@@ -68,7 +63,7 @@ def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
     for link, hulls in instance.hulls.items():
         at_most(f"hulls of {link}", len(hulls), MAX_HULLS)
     found += overlap_findings(instance)
-    R, position = world_rotation(instance), instance.placement.position
+    R, position = instance.placement.rotation, instance.placement.position
     still = [h for link, hulls in instance.hulls.items() if link != joint.child_link for h in hulls]
     lowest = np.inf
     head = (

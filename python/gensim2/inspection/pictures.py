@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.errors import GenSim2Error, MissingExtraError
-from gensim2.inspection.checks import world_rotation
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import BODY, ArticulatedObject, RigidObject
 
@@ -217,7 +216,7 @@ def _clear_distance(points: Array, azimuth: float) -> float:
 
 def world_points(instance: ArticulatedObject, openness: float) -> Array:
     """Return hull vertices and keypoints (N, 3) in the world frame."""
-    R, position = world_rotation(instance), instance.placement.position
+    R, position = instance.placement.rotation, instance.placement.position
     T = instance.link_pose(openness)
     child = instance.joint.child_link
     points = [transform(T, hull) if link == child else hull for link, hulls in instance.hulls.items() for hull in hulls]
@@ -232,7 +231,7 @@ def keypoints_at(instance: ArticulatedObject | RigidObject, openness: float) -> 
         return {
             name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
         }
-    R, position = world_rotation(instance), instance.placement.position
+    R, position = instance.placement.rotation, instance.placement.position
     T = instance.link_pose(openness)
     found = {}
     for name, keypoint in instance.keypoints.items():

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from gensim2.core.files import replacing
-from gensim2.inspection.checks import world_rotation
 from gensim2.inspection.pictures import (
     INK,
     OPENNESS,
@@ -67,7 +66,7 @@ def write_strip(instance: ArticulatedObject, file: Path) -> None:
 def _solids(instance: ArticulatedObject, openness: float) -> list[tuple[Surface, np.ndarray]]:
     joint = instance.joint
     root = np.eye(4)
-    root[:3, :3], root[:3, 3] = world_rotation(instance), instance.placement.position
+    root[:3, :3], root[:3, 3] = instance.placement.rotation, instance.placement.position
     tree = Tree.of(read_urdf(instance.urdf), (joint.name,))
     value = joint.lower + openness * (joint.upper - joint.lower)
     surfaces, poses = read_links(instance.urdf), tree.poses(root[None], np.array([[value]]))[0]

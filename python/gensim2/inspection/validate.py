@@ -16,12 +16,12 @@ import gensim2_kpam as kpam
 from gensim2.core.errors import InputError, MissingExtraError
 from gensim2.core.processes import WorkerPool, enumerated, in_order
 from gensim2.inspection import rigid
-from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
+from gensim2.inspection.checks import Finding, geometric_findings
 from gensim2.objects.library.catalogue import Library
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, ArticulatedObject, RigidObject
-from gensim2.robots import RobotProfile
+from gensim2.robots import RobotProfile, robot
 from gensim2.scenes.table import HALF_SIZE
 
 SHARES = (0.0, 0.5, 1.0)  # values of openness at which objects are checked
@@ -34,7 +34,7 @@ BUDGET: kpam.Options = {
 }  # A small budget is enough, because the solver finds a path to the keypoint either quickly or not at all.
 
 
-def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Finding]:
+def reach_findings(instance: ArticulatedObject, profile: RobotProfile) -> list[Finding]:
     """Check whether the robot's fingertips can reach an object's head keypoint, at several values of openness.
 
     The hand must stay above the table. Each openness at which the fingertips cannot reach the keypoint gives one
@@ -49,7 +49,7 @@ def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Fin
     name = HEAD if HEAD in instance.keypoints else next(iter(instance.keypoints))
     found = []
     for share in SHARES:
-        plan = kpam.plan(_problem(in_base(instance, name, share, robot), robot))
+        plan = kpam.plan(_problem(in_base(instance, name, share, profile), profile))
         if plan.status == "solved":
             continue
         check, missed = f"fingertips from {name} at openness {share:g}, mm", plan.residuals[0]
@@ -60,7 +60,7 @@ def reach_findings(instance: ArticulatedObject, robot: RobotProfile) -> list[Fin
     return found
 
 
-def in_base(instance: ArticulatedObject, name: str, openness: float, robot: RobotProfile) -> Array:
+def in_base(instance: ArticulatedObject, name: str, openness: float, profile: RobotProfile) -> Array:
     """Return the position (3,) of a keypoint in the robot's base frame, in metres. The object is in its default
     placement.
     """
@@ -68,8 +68,8 @@ def in_base(instance: ArticulatedObject, name: str, openness: float, robot: Robo
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
         point = transform(instance.link_pose(openness), point[None])[0]
-    T_base_world = np.linalg.inv(robot.T_world_base)
-    at = world_rotation(instance) @ point + instance.placement.position
+    T_base_world = np.linalg.inv(profile.T_world_base)
+    at = instance.placement.rotation @ point + instance.placement.position
     return np.asarray(T_base_world[:3, :3] @ at + T_base_world[:3, 3])
 
 
@@ -86,23 +86,23 @@ def _config() -> kpam.SolverConfig:
     )
 
 
-def _table(robot: RobotProfile) -> kpam.Body:
+def _table(profile: RobotProfile) -> kpam.Body:
     T_world_table = np.eye(4)
     T_world_table[2, 3] = -HALF_SIZE[2]
-    T_base_table = np.linalg.inv(robot.T_world_base) @ T_world_table
+    T_base_table = np.linalg.inv(profile.T_world_base) @ T_world_table
     return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], T_base_table)
 
 
-def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
+def _problem(head: Array, profile: RobotProfile) -> kpam.KeypointProblem:
     return kpam.KeypointProblem(
-        robot.model,
+        profile.model,
         _config(),
-        np.array(robot.reset_qpos),
-        tool_keypoints=robot.tool_keypoints,
+        np.array(profile.reset_qpos),
+        tool_keypoints=profile.tool_keypoints,
         object_keypoints={HEAD: head},
         T_base_object=np.eye(4),
-        bodies=[_table(robot)],
-        options={**robot.solver, **BUDGET},
+        bodies=[_table(profile)],
+        options={**profile.solver, **BUDGET},
     )
 
 
@@ -162,7 +162,7 @@ def check_object(library: Library, asset_class: str, instance_id: str, physics: 
 def _findings(model: ArticulatedObject | RigidObject, physics: bool) -> list[Finding]:
     if isinstance(model, RigidObject):
         return rigid.geometric_findings(model) + (rigid.physical_findings(model) if physics else [])
-    return geometric_findings(model) + (physical_findings(model) + reaching(model) if physics else [])
+    return geometric_findings(model) + (physical_findings(model) + reach_findings(model, robot()) if physics else [])
 
 
 def validate(
@@ -188,16 +188,6 @@ def validate(
                 yield ObjectReport(*items[outcome.index], (finding,), 0.0)
             else:
                 yield outcome.unwrap()
-
-
-def reaching(instance: ArticulatedObject) -> list[Finding]:
-    """Return the findings of :func:`reach_findings` for the default robot. The model of this robot needs the extra
-    ``sim``.
-    """
-    from gensim2.inspection.validate import reach_findings
-    from gensim2.robots import robot
-
-    return reach_findings(instance, robot())
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
@@ -324,8 +314,7 @@ class _Stage:
         """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
-        R_world_root = world_rotation(instance)
-        gravity = R_world_root.T @ GRAVITY
+        gravity = instance.placement.rotation.T @ GRAVITY
         self._set(start)
         sign = np.sign(goal - start)
         force, farthest, left = 0.0, sign * start, round(PUSH_ON_SECONDS / TIME_STEP)
