@@ -29,6 +29,7 @@ from pydantic import BaseModel, BeforeValidator, Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
+from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
 from gensim2.evaluation.benchmark_table import by_instance
@@ -37,7 +38,7 @@ from gensim2.rollout.record import Episode, ObjectRecord
 from gensim2.rollout.tally import Tally
 from gensim2.scenes.config import SceneOptions
 from gensim2.tasks import figures as stored
-from gensim2.tasks.figures import Condition, Figure, Figures, Source, Verdicts, read_figures
+from gensim2.tasks.figures import Condition, Figure, Figures, Source, Verdicts, parse_figures
 
 FILE = Path(stored.__file__).with_name(stored.FIGURES)
 ARCHIVE = Path(__file__).resolve().with_name("episodes")
@@ -64,6 +65,15 @@ class _Document(BaseModel):
     arguments: Annotated[_Arguments, BeforeValidator(nested_options)]
     tasks: list[_Row]
     provenance: Source | None = None
+
+
+def read_figures(path: Path) -> Figures:
+    """Read the measured results in a file.
+
+    Raises:
+        InputError: the file cannot be read or is invalid; the message names the field.
+    """
+    return parse_figures(read_input(path, MAX_RECORD), path)
 
 
 def rows_of(path: Path) -> list[Figure]:
@@ -330,12 +340,20 @@ def put_in(results: Sequence[Path], out: Path, archive: Path, only: bool) -> Non
     keys = [(row.task, row.condition) for row in rows]
     if len(set(keys)) < len(keys):
         raise InputError("two files contain the same task with the same condition", field="results")
-    found = before.with_rows(rows)
+    replaced = {(row.task, row.condition): row for row in (*before.rows, *rows)}
+    found = Figures(schema_version=1, rows=tuple(sorted(replaced.values(), key=_order)))
     put_into_archive(archive, counted)
     lines = ",\n".join(row.model_dump_json() for row in found.rows)
     text = f'{{"schema_version":1,"rows":[\n{lines}\n]}}\n'
     write_atomic(out, lzma.compress(text.encode(), preset=9) if out.suffix == ".xz" else text)
     print(f"{len(rows)} rows in, {len(found.rows)} in {out}")
+
+
+def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
+    """Return the sort key of a row. Rows are sorted by task. Among the rows of a task, rows that were measured under
+    the paper's protocol come first, and the rows are then sorted by their conditions.
+    """
+    return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
 
 
 def remade(rows: Sequence[Figure], folder: Path, assets: str | None, shown: bool) -> list[Path]:

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 from conditions import PLAIN
-from figures import archive_name, command_of, made_together, page_by_instance, read_archive, rows_of
+from figures import archive_name, command_of, made_together, page_by_instance, read_archive, read_figures, rows_of
 from run_folders import fake_world
 
 from gensim2.cli.benchmark import benchmark
 from gensim2.core.errors import InputError
-from gensim2.tasks.figures import Condition, Figures, figures_of, read_figures
+from gensim2.tasks.figures import Condition, Figures, figures_of
 from gensim2.tasks.figures import figures as stored_figures
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, PAPER

@@ -12,7 +12,6 @@ from gensim2.tasks.criteria import ArticulatedOpen, DistanceArticulatedRigid, al
 from gensim2.tasks.library import (
     load_strategies,
     load_strategies_beside,
-    load_strategy_file,
     load_task,
     load_task_file,
     strategy_files,
@@ -273,10 +272,12 @@ def test_missing_and_binary_files_are_named(tmp_path: Path) -> None:
 
 
 def test_a_config_file_with_nan_names_the_field(tmp_path: Path) -> None:
-    path = tmp_path / "push.yaml"
+    (tmp_path / "strategies").mkdir()
+    task = load_task("CloseBox")
+    path = tmp_path / "strategies" / f"{task.steps[0].strategies[0]}.yaml"
     path.write_text("constraint_list:\n  - tolerance: .nan\n")
     with pytest.raises(InputError, match=r"constraint_list\.0\.tolerance: must be a finite number"):
-        load_strategy_file(path)
+        load_strategies_beside(tmp_path, task)
 
 
 @pytest.mark.parametrize("name", [name for name in task_names("paper") if load_task(name).is_single_step])

@@ -29,12 +29,3 @@ def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
     x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
     y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)
     return torch.stack([x, y, torch.linalg.cross(x, y, dim=-1)], -1)
-
-
-def angle_between(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return the angle (rad) between corresponding rotation matrices, as an array (...) for inputs (..., 3, 3).
-
-    The function does not use the arccosine, so the result is accurate for small angles, too.
-    """
-    chord = torch.linalg.matrix_norm(a - b) / (2 * 2**0.5)
-    return 2 * torch.asin(chord.clamp(max=1.0))

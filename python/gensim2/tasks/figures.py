@@ -8,7 +8,6 @@ Each row of the data file holds the results of one task in one benchmark.
 from __future__ import annotations
 
 import lzma
-from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.tree import MAX_RECORD
 from gensim2.core.renamed import current
 from gensim2.core.validation import input_error
 
@@ -185,32 +184,11 @@ class Figures(_Value):
             raise ValueError("two rows have the same task and condition")
         return self
 
-    def with_rows(self, rows: Iterable[Figure]) -> Figures:
-        """Return a copy with ``rows`` added; a new row replaces the row of the same task and condition."""
-        found = {(row.task, row.condition): row for row in (*self.rows, *rows)}
-        return Figures(schema_version=1, rows=tuple(sorted(found.values(), key=_order)))
-
-
-def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
-    """Return the sort key of a row. Rows are sorted by task. Among the rows of a task, rows that were measured under
-    the paper's protocol come first, and the rows are then sorted by their conditions.
-    """
-    return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
-
 
 @cache
 def figures() -> Figures:
     """Return the measured results that are shipped with the package."""
-    return _parsed((files("gensim2.tasks") / FIGURES).read_bytes(), FIGURES)
-
-
-def read_figures(path: Path) -> Figures:
-    """Read the measured results in a file. A file with the suffix ``.xz`` is compressed.
-
-    Raises:
-        InputError: the file cannot be read or is invalid; the message names the field.
-    """
-    return _parsed(read_input(path, MAX_RECORD), path)
+    return parse_figures((files("gensim2.tasks") / FIGURES).read_bytes(), FIGURES)
 
 
 def figures_of(task: str) -> tuple[Figure, ...]:
@@ -218,7 +196,12 @@ def figures_of(task: str) -> tuple[Figure, ...]:
     return tuple(row for row in figures().rows if row.task == task)
 
 
-def _parsed(data: bytes, file: Path | str) -> Figures:
+def parse_figures(data: bytes, file: Path | str) -> Figures:
+    """Return the measured results in the content of a file. A file with the suffix ``.xz`` is compressed.
+
+    Raises:
+        InputError: the content is invalid; the message names the field.
+    """
     remedy = "write it anew with benchmarks/figures.py"
     try:
         text = lzma.LZMADecompressor().decompress(data, MAX_RECORD) if str(file).endswith(".xz") else data

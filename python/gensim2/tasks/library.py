@@ -276,15 +276,6 @@ def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData
     return {name: _read(file) for name, file in strategy_files(folder, task).items()}
 
 
-def load_strategy_file(path: Path) -> StrategyData:
-    """Load a strategy from a YAML or JSON file; numbers must be finite.
-
-    Raises:
-        InputError: the file cannot be read, is not YAML, or contains NaN or infinity.
-    """
-    return read_yaml(path)
-
-
 def strategies_of(task: TaskSpec) -> tuple[str, ...]:
     """Return the names of all strategies of a task, in the order in which its steps name them."""
     return tuple(dict.fromkeys(name for step in task.steps for name in step.strategies))
