@@ -18,7 +18,7 @@ import pytest
 from disks import can_mount, on_disk
 from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
-from gensim2.cli.collect_view import CollectionView
+from gensim2.cli.collect import CollectionView
 from gensim2.core.errors import InputError, NotRunError, WriteError
 from gensim2.core.seeding import scene_seeds
 from gensim2.data import DataSet

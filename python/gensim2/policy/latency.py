@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,34 +71,6 @@ class Stopwatch:
         return {"p50": by_stage(50, 0), "p95": by_stage(95, 0), "cpu": by_stage(50, 1)}
 
 
-@dataclass(frozen=True)
-class Latency:
-    """Time that a policy with certain network settings needs for an action, by stage. All times are in ms.
-
-    In the stage ``observation`` the cameras are simulated, the point cloud is computed, and the robot's state is read.
-    In the stage ``inputs`` the observation is transformed into the policy's frame. In the stage ``network`` the network
-    computes its output. The stage ``total`` is the sum of these stages.
-
-    Attributes:
-        encoder, head, points, device: settings of the measured network, which has random weights.
-        parameters: number of weights.
-        p50, p95: percentiles of the wall time of each stage.
-        cpu: median CPU time of each stage.
-    """
-
-    encoder: str
-    head: str
-    points: int
-    device: str
-    parameters: int
-    p50: dict[str, float]
-    p95: dict[str, float]
-    cpu: dict[str, float]
-
-    def to_dict(self) -> dict[str, Any]:
-        return dict(vars(self))
-
-
 def measure_latencies(
     heads: Sequence[str] = HEADS,
     encoders: Sequence[str] = ("mlp",),
@@ -115,6 +86,10 @@ def measure_latencies(
     """Measure the latency of decisions with batch size 1 in a simulated scene. For the head ``keypose`` the time of the
     planner is not included.
 
+    In the stage ``observation`` the cameras are simulated, the point cloud is computed, and the robot's state is read.
+    In the stage ``inputs`` the observation is transformed into the policy's frame. In the stage ``network`` the network
+    computes its output. The stage ``total`` is the sum of these stages.
+
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.
         points: number of points in a cloud.
@@ -125,8 +100,9 @@ def measure_latencies(
         settings: further network settings of all measured policies.
 
     Returns:
-        A dictionary with the entries ``rows`` (one :class:`Latency` for each combination, as plain data), ``threads``
-        and ``decisions`` (the arguments), and ``load`` (load average of the machine at the start).
+        A dictionary with the entries ``rows`` (one for each combination), ``threads`` and ``decisions`` (the
+        arguments), and ``load`` (load average of the machine at the start). A row contains the settings of the network,
+        its number of weights under ``parameters``, and the times as returned by :meth:`Stopwatch.percentiles`.
     """
     kinds = []
     for encoder in encoders:
@@ -146,14 +122,16 @@ def measure_latencies(
         progress.advance()
     return {
         "schema_version": 1,
-        "rows": [row.to_dict() for row in rows],
+        "rows": rows,
         "threads": threads,
         "decisions": decisions,
         "load": load,
     }
 
 
-def _measure(env: HeadlessEnv, spec: ObservationSpec, config: PolicyConfig, decisions: int, device: str) -> Latency:
+def _measure(
+    env: HeadlessEnv, spec: ObservationSpec, config: PolicyConfig, decisions: int, device: str
+) -> dict[str, Any]:
     table = prepare([env.task.description], config).to(device)
     arm = env.profile.arm_size
     network = fresh_network(config, arm, table.shape[1:], 0).eval().to(device)
@@ -177,11 +155,11 @@ def _measure(env: HeadlessEnv, spec: ObservationSpec, config: PolicyConfig, deci
         (found if isinstance(found, torch.Tensor) else found[0]).cpu()
         watch.mark()
         watch.keep()
-    return Latency(
-        config.encoder,
-        config.head,
-        spec.cloud.points,
-        device,
-        sum(parameter.numel() for parameter in network.parameters()),
+    return {
+        "encoder": config.encoder,
+        "head": config.head,
+        "points": spec.cloud.points,
+        "device": device,
+        "parameters": sum(parameter.numel() for parameter in network.parameters()),
         **watch.percentiles(WARM_UP),
-    )
+    }

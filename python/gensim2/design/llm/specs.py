@@ -61,6 +61,13 @@ def criterion(kind: str, articulated: str, rigid: str | None) -> Criterion:
     return DistanceArticulatedRigid(articulated=articulated, rigid=rigid)
 
 
+def next_step(steps: Sequence[Step], verb: str, on: str, tool: str, done: Criterion) -> Step:
+    """Return a step to append to ``steps``. Its name is the verb, with a number if earlier steps have the same verb."""
+    taken = sum(step.name.rstrip("_0123456789") == verb for step in steps)
+    name = verb if not taken else f"{verb}_{taken + 1}"
+    return Step(name=name, object=on, tool=tool, strategies=(f"designed_{name}",), done=(done,))
+
+
 def single_step(name: str, sentence: str, thing: Affordance, kind: str, origin: str) -> TaskSpec:
     """Return a task of one motion on one articulated object."""
     role = role_of(thing)

@@ -4,13 +4,14 @@ point.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
+
+import torch
 
 from gensim2.core.errors import InputError
 from gensim2.policy.encoders.mlp import MlpEncoder, StateEncoder
 from gensim2.policy.encoders.pointnet import PointNetEncoder
 from gensim2.policy.encoders.pointnext import PointNextEncoder
-from gensim2.policy.encoders.protocol import PointEncoder
 from gensim2.policy.frames import cloud_size
 
 if TYPE_CHECKING:
@@ -24,6 +25,32 @@ _KINDS: dict[str, Any] = {
     "pointnext": PointNextEncoder,
     "state": StateEncoder,
 }
+
+
+class PointEncoder(Protocol):
+    """Encoder of normalized points (B, N, C), whose first three channels are coordinates.
+
+    Encoders are PyTorch modules. Only the result of :class:`StateEncoder` depends on the order of the points.
+
+    Attributes:
+        tokens: K, number of pooled tokens of a cloud.
+        width: F, size of a token.
+        feature_width: G, size of a point's feature.
+    """
+
+    tokens: int
+    width: int
+    feature_width: int
+
+    def __call__(self, points: torch.Tensor) -> torch.Tensor:
+        """Return the pooled tokens (B, K, F)."""
+        ...
+
+    def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the pooled tokens (B, K, F) and the features of the points (B, N, G). Gradients flow through both
+        results.
+        """
+        ...
 
 
 def make_encoder(config: PolicyConfig) -> PointEncoder:

@@ -10,7 +10,7 @@ from gensim2.design.base import Known
 from gensim2.design.llm.catalog import NAMED_SCHEMA, Catalog, name_of, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import Data
-from gensim2.design.llm.specs import criterion, long_task, roles_of
+from gensim2.design.llm.specs import criterion, long_task, next_step, roles_of
 from gensim2.design.llm.stages.decomposition import BRINGING, GRASP, WORKING
 from gensim2.design.llm.stages.proposal import Wish
 from gensim2.design.llm.templating import Prompts
@@ -248,8 +248,5 @@ class _Chain:
         self._held, self._placed = False, True
 
     def _step(self, verb: str, on: str, tool: str, kind: str) -> str:
-        taken = sum(step.name.rstrip("_0123456789") == verb for step in self.steps)
-        name = verb if not taken else f"{verb}_{taken + 1}"
-        done = criterion(kind, self.role, self.other)
-        self.steps.append(Step(name=name, object=on, tool=tool, strategies=(f"designed_{name}",), done=(done,)))
-        return name
+        self.steps.append(next_step(self.steps, verb, on, tool, criterion(kind, self.role, self.other)))
+        return self.steps[-1].name

@@ -17,7 +17,7 @@ from typing import Any
 from gensim2.design.llm.catalog import Catalog, sentence_of
 from gensim2.design.llm.conversations import Ask, Wrong
 from gensim2.design.llm.extraction import ITEMS, Data
-from gensim2.design.llm.specs import CRITERIA, criterion, long_task, roles_of
+from gensim2.design.llm.specs import CRITERIA, criterion, long_task, next_step, roles_of
 from gensim2.design.llm.stages.proposal import Proposal
 from gensim2.design.llm.templating import Prompts
 from gensim2.tasks.criteria import Criterion
@@ -213,10 +213,7 @@ class _Chain:
         self._step("open" if kind == "articulated_open" else "close", self.role, HAND, kind)
 
     def _step(self, verb: str, on: str, tool: str, kind: str) -> None:
-        taken = sum(step.name.rstrip("_0123456789") == verb for step in self.steps)
-        name = verb if not taken else f"{verb}_{taken + 1}"
-        done = criterion(kind, self.role, self.other)
-        self.steps.append(Step(name=name, object=on, tool=tool, strategies=(f"designed_{name}",), done=(done,)))
+        self.steps.append(next_step(self.steps, verb, on, tool, criterion(kind, self.role, self.other)))
 
     @staticmethod
     def _grasps_next(rest: Sequence[Data]) -> bool:
