@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
@@ -14,6 +14,13 @@ from gensim2.core.validation import input_error
 
 SCHEMA_VERSION = 1
 """Version of the commands' JSON output."""
+
+
+class Record(BaseModel):
+    """Base of the records in JSON files: no unknown fields, no type conversion, and finite numbers only."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
 
 Model = TypeVar("Model", bound=BaseModel)
 Value = TypeVar("Value")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from gensim2.core.record_files import SCHEMA_VERSION
+from gensim2.core.record_files import SCHEMA_VERSION, Record
 from gensim2.core.resumable import RunSettings, differing
 from gensim2.rollout.checker_result import CheckerResult, WorldCount
 from gensim2.rollout.config import RolloutOptions, nested_options
@@ -23,12 +23,6 @@ RUN_SCHEMA_VERSION: Literal[4] = 4
 """Version of ``run.json``; a run can be resumed by the same version only."""
 
 Instances = Literal["new", "test", "all"]
-
-
-class Record(BaseModel):
-    """Base of the records in a run folder, which are validated strictly: no type conversion, no unknown fields."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 FIXED_ARGUMENTS = (

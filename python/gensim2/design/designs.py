@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from gensim2.core.files import write_json
-from gensim2.core.record_files import read_record
-from gensim2.data.records import Record
+from gensim2.core.record_files import Record, read_record
 from gensim2.design.base import CandidateResult
 from gensim2.tasks.strategies import StepStrategies
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
 from gensim2.core.foreign.tensors import Shape, only_shapes, read_shapes, read_tensors, require_shapes
-from gensim2.core.record_files import read_record
+from gensim2.core.record_files import Record, read_record
 from gensim2.core.weights import Digest, FileName, remove_other_weights, write_weights
 from gensim2.data.record import TaskName
 from gensim2.perception import ObservationSpec
@@ -53,7 +53,7 @@ class CheckpointError(InputError):
     """
 
 
-class DataRecord(BaseModel):
+class DataRecord(Record):
     """Description of a policy's training data.
 
     Attributes:
@@ -67,7 +67,7 @@ class DataRecord(BaseModel):
             (DAgger).
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(frozen=True)
 
     digest: str
     tasks: tuple[TaskName, ...] = Field(strict=False)
@@ -78,7 +78,7 @@ class DataRecord(BaseModel):
     relabels: int = 0
 
 
-class ActionSpec(BaseModel):
+class ActionSpec(Record):
     """Format of a policy's output.
 
     Attributes:
@@ -87,23 +87,19 @@ class ActionSpec(BaseModel):
         control_hz: rate of the actions, Hz.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(frozen=True)
 
     kind: Literal["joint-relative", "keypose"]
     arm: int = Field(ge=1, le=64)
     control_hz: int = Field(ge=1, le=10_000)
 
 
-class _Weights(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
+class _Weights(Record):
     file: FileName
     sha256: Digest
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
+class _CheckpointRecord(Record):
     schema_version: int
     kind: Literal["gensim2-policy"]
     policy: dict[str, Any]
@@ -169,7 +165,7 @@ class PolicyCheckpoint:
         tensors = {_NETWORK + name: value.detach().cpu() for name, value in self.network.state_dict().items()}
         tensors[_TABLE] = self.table.cpu()
         name, digest = write_weights(folder, {name: value.contiguous().clone() for name, value in tensors.items()})
-        record = _Record(
+        record = _CheckpointRecord(
             schema_version=VERSION,
             kind=KIND,
             policy=self.config.to_dict(),
@@ -205,7 +201,7 @@ class PolicyCheckpoint:
             raise CheckpointError(
                 message, file=file, field="schema_version", remedy="use the version of gensim2 that wrote the file"
             )
-        record = read_record(file, _Record, _REMEDY)
+        record = read_record(file, _CheckpointRecord, _REMEDY)
         config = PolicyConfig.of(record.policy, file=str(file))
         try:
             observation = ObservationSpec.of(record.observation)
@@ -275,7 +271,7 @@ class PolicyCheckpoint:
         raise unknown_sentence(self, sentence, folder)
 
 
-def _check_agreement(record: _Record, config: PolicyConfig, observation: ObservationSpec, file: Path) -> None:
+def _check_agreement(record: _CheckpointRecord, config: PolicyConfig, observation: ObservationSpec, file: Path) -> None:
     """Check that the sections of ``config.json`` are consistent."""
     of_keyposes = config.head == "keypose"
     contradictions = {
@@ -290,7 +286,7 @@ def _check_agreement(record: _Record, config: PolicyConfig, observation: Observa
             raise CheckpointError(message, file=file, field=name, remedy=_REMEDY)
 
 
-def _read_weights(path: Path, config: PolicyConfig, record: _Record) -> tuple[PolicyNetwork, torch.Tensor]:
+def _read_weights(path: Path, config: PolicyConfig, record: _CheckpointRecord) -> tuple[PolicyNetwork, torch.Tensor]:
     """Return the network with its weights, in evaluation mode, and the table of encoded instructions."""
     from gensim2.policy.network import PolicyNetwork
     from gensim2.policy.text import check_table, table_shape

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.files import write_json
-from gensim2.core.record_files import read_record
+from gensim2.core.record_files import Record, read_record
 from gensim2.design.llm.extraction import Data, mappings
 from gensim2.design.llm.model import LanguageModel
 from gensim2.design.llm.questions import Message, ModelQuestion
@@ -27,11 +27,7 @@ Outcome = Literal["used", "dropped", "refused"]
 """Outcome of a conversation; ``"refused"``: the answer is valid, but reflection rejected it or it repeats a task."""
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class TurnRecord(_Record):
+class TurnRecord(Record):
     """Record of one prompt and its answer.
 
     Attributes:
@@ -45,7 +41,7 @@ class TurnRecord(_Record):
     problems: list[str]
 
 
-class ConversationRecord(_Record):
+class ConversationRecord(Record):
     """Record of a conversation: one question and all rounds of answers and corrections.
 
     Attributes:
@@ -65,11 +61,11 @@ class ConversationRecord(_Record):
     turns: list[TurnRecord]
 
 
-class LogRecord(_Record):
+class LogRecord(Record):
     """Content of ``conversations.json``."""
 
     schema_version: Literal[1] = 1
-    conversations: list[ConversationRecord] = []
+    conversations: list[ConversationRecord] = Field(default_factory=list)
 
 
 class ConversationLog:

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
-from gensim2.core.record_files import read_record
+from gensim2.core.record_files import Record, read_record
 from gensim2.design.llm.options import ModelOptions, model_options
 from gensim2.design.llm.questions import BudgetSpent, ModelAnswer, ModelQuestion
 
@@ -29,11 +29,7 @@ NO_ANSWER = ModelAnswer("", None, 0, 0, True, 0, None)
 _REMEDY = "give the folder of a run that a language model designed, or restore the file"
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class ModelRecord(_Record):
+class ModelRecord(Record):
     """Content of ``model.json``: everything that determines the questions, answers and costs of a run.
 
     Attributes:
@@ -72,7 +68,7 @@ class ModelRecord(_Record):
         return ModelRecord(prompts=prompts, asking=dict(asking), endpoint=endpoint, **fields)
 
 
-class AnswerRecord(_Record):
+class AnswerRecord(Record):
     """Content of ``answers/<digest>.json``: a question with its answer. If the budget was used up before the question
     was asked, there is no answer, and the field ``spent`` contains the reason.
     """

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.core.record_files import parse_record, read_record
+from gensim2.core.record_files import Record, parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import scene_seeds
 from gensim2.perception import ObservationSpec
@@ -79,9 +79,7 @@ class PlannedRecord(RunSettings):
     goal: TaskGoal | None = None
 
 
-class _About(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
+class _About(Record):
     scenes: int = Field(ge=0)
     failed: dict[str, int]
     cpu_s: float = Field(ge=0)

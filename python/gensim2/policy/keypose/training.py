@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict, Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
 from gensim2.core.progress import NULL_PROGRESS, Progress
-from gensim2.core.record_files import read_record
+from gensim2.core.record_files import Record, read_record
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.keypose.goals import TaskGoal
@@ -38,7 +38,7 @@ POLICY = PolicyConfig(
 TRAINING = TrainConfig(steps=1200, batch=32, learning_rate=2e-3, ema=0.995, threads=1, save_every=200, log_every=25)
 
 
-class Way(BaseModel):
+class Way(Record):
     """One class of the keypose head.
 
     Attributes:
@@ -48,7 +48,7 @@ class Way(BaseModel):
         to_end: whether the step moves a joint to an end of its range, so that a push may be extended.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(frozen=True)
 
     language: str
     step: int
@@ -56,7 +56,7 @@ class Way(BaseModel):
     to_end: bool = False
 
 
-class WaysRecord(BaseModel):
+class WaysRecord(Record):
     """Content of ``keypose.json``.
 
     Attributes:
@@ -65,11 +65,9 @@ class WaysRecord(BaseModel):
         goals: goal of each task, by the task's instruction. Policies of earlier versions have no goals.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True)
-
     schema_version: Literal[1] = 1
     ways: list[Way]
-    goals: dict[str, TaskGoal] = {}
+    goals: dict[str, TaskGoal] = Field(default_factory=dict)
 
 
 def train_keypose(
