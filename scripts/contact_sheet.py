@@ -48,12 +48,12 @@ def main() -> None:
 
 def objects(where: str, columns: int, out: Path) -> None:
     """Write a picture of the first object of each class of a library."""
-    from gensim2.inspection.pictures import Studio, contact_sheet
+    from gensim2.inspection.pictures import contact_sheet
     from gensim2.objects import open_library
 
     library = open_library(where)
     shown = [library.load(name, library.instances(name)[0]) for name in library.classes("articulated")]
-    picture = contact_sheet(Studio(190), shown, columns)
+    picture = contact_sheet(shown, columns, 190)
     out.parent.mkdir(parents=True, exist_ok=True)
     picture.save(out, optimize=True)
     print(f"{len(shown)} classes in {out}")

@@ -289,6 +289,8 @@ LIGHT = {
     "assets import": "mjcf/drawer/0.xml --class drawer --name new --scale 1 --out library",
     "assets prepare": "drawer/0 --assets builtin",
     "assets validate": "drawer/0 --assets builtin --no-physics",
+    "assets render": "drawer/0 --assets builtin --out picture.png",
+    "assets gallery": "--assets builtin --classes mug --out gallery",
     "doctor": "",
 }
 """Commands that work in a light installation, in an order in which each has its input."""
@@ -308,8 +310,6 @@ REFUSED = {
     "bench policy": ("", "train"),
     "data report": ("data", "data"),
     "data export": ("data --to zarr --out exported", "data"),
-    "assets render": ("drawer/0 --assets builtin --out picture.png", "sim"),
-    "assets gallery": ("--assets builtin --out gallery", "sim"),
 }
 """Commands that need an extra, with their arguments and the extra."""
 

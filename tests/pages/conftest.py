@@ -32,7 +32,7 @@ from gensim2.inspection.gallery import build_gallery
 from gensim2.inspection.validate import ObjectReport
 from gensim2.objects import Library
 from gensim2.objects.library.shelf import Shelf
-from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, RigidObject, Source
 from gensim2.perception.camera import observation_cameras
 from gensim2.perception.cloud import to_steps
 from gensim2.planning.picture import SIZE
@@ -90,9 +90,10 @@ def objects_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def stripes(rows: int, views: int) -> Image.Image:
         return Image.fromarray(np.tile(np.uint8([[[90, 120, 160]], [[200, 210, 220]]]), (88 * rows, 176 * views, 1)))
 
-    monkeypatch.setattr(pictures, "Studio", lambda size: None)
-    monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: stripes(3, views))
-    monkeypatch.setattr(pictures, "rigid_turntable", lambda studio, model, views: stripes(1, views))
+    def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> Image.Image:
+        return stripes(3 if isinstance(model, ArticulatedObject) else 1, views)
+
+    monkeypatch.setattr(pictures, "turntable", turntable)
     finding = Finding("overlap of the meshes while the joint moves, mm", 2.5, 1.0)
     found = tmp_path / "findings.json"
     found.write_text(json.dumps({"objects": [ObjectReport("switch", "0", (finding,), 1.0).to_dict()]}))
@@ -131,8 +132,7 @@ class HostileShelf(Shelf):
 def hostile_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The gallery of an untrusted object folder."""
     drawn = Image.new("RGB", (176 * 8, 88 * 3), (90, 120, 160))
-    monkeypatch.setattr(pictures, "Studio", lambda size: None)
-    monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: drawn)
+    monkeypatch.setattr(pictures, "turntable", lambda model, views, size: drawn)
     shelf = HostileShelf(library.load_articulated("switch", "0"))
     hostile = Library("<b>lib</b>".replace("/", "\u2044"), str(tmp_path), [shelf])
     return build_gallery([hostile], tmp_path / "hostile").index

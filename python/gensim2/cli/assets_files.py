@@ -14,11 +14,14 @@ from gensim2.cli.options import Ending, command
 from gensim2.cli.output import line
 from gensim2.cli.typed import Option
 from gensim2.core.errors import InputError
+from gensim2.core.files import write_atomic
 from gensim2.core.progress import Progress
 
 if TYPE_CHECKING:
     from gensim2.objects import Library as LibraryObjects
 
+PICTURE_SIZE = 360
+"""Width and height of a view in the picture of an imported object, pixels."""
 Library = Annotated[Path, click.Path(path_type=Path, file_okay=False), Option(metavar="LIBRARY")]
 
 
@@ -183,9 +186,9 @@ def import_(
         else None
     )
     if picture is not None:
-        from gensim2.inspection.raycast import write_strip
+        from gensim2.inspection.pictures import png, strip
 
-        write_strip(library.load_articulated(asset_class, name), picture)
+        write_atomic(picture, png(strip(library.load_articulated(asset_class, name), PICTURE_SIZE)))
     result = {
         "schema_version": 1,
         **imported.to_dict(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,10 +32,10 @@ def render(
     out: Annotated[Path, click.Path(path_type=Path, dir_okay=False), Option(metavar="PNG")],
     size: Annotated[int, click.IntRange(64, 2048)] = 420,
 ) -> dict[str, Any]:
-    """Render a picture of one or several objects.
+    """Draw a picture of one or several objects.
 
     WHICH selects objects of the class CLASS: give an id, train, test, new, all or random. If WHICH selects several
-    objects, the command renders the first one. Without WHICH, the command renders the first object of the class.
+    objects, the command draws the first one. Without WHICH, the command draws the first object of the class.
 
     If you select one object, the picture shows the object with the names of its keypoints: an articulated object at
     openness 0, 0.5 and 1, and a rigid object from three sides. If you select several objects, the picture shows each
@@ -53,14 +52,11 @@ def render(
     items = [select_one(library, word, seed=seed) for word in objects]
     check_writable(out)
     # Import late: this import is slow, and invalid arguments should be reported before it.
-    from gensim2.inspection.pictures import Studio, contact_sheet, strip
+    from gensim2.inspection.pictures import contact_sheet, png, strip
 
     models = [library.load(*item) for item in items]
-    studio = Studio(size)
-    sheet = strip(studio, models[0]) if len(models) == 1 else contact_sheet(studio, models, columns=9)
-    stream = io.BytesIO()
-    sheet.save(stream, "PNG")
-    write_output(out, stream.getvalue())
+    sheet = strip(models[0], size) if len(models) == 1 else contact_sheet(models, columns=9, size=size)
+    write_output(out, png(sheet))
     drawn = [{"class": asset_class, "id": instance_id} for asset_class, instance_id in items]
     return {"schema_version": 2, "objects": drawn, "picture": str(out)}
 

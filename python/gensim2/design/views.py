@@ -6,7 +6,6 @@ picture is first needed, because the first picture takes half a minute on a soft
 
 from __future__ import annotations
 
-import io
 import json
 import multiprocessing
 from collections.abc import Callable, Mapping
@@ -99,15 +98,16 @@ def _drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
 
 def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
     """Return the PNG of an object; runs in the rendering process."""
-    from gensim2.inspection.pictures import Studio, strip
+    from gensim2.inspection.pictures import png, strip
 
-    return _png(strip(Studio(OBJECT_SIZE), open_library(location).load(asset_class, instance)))
+    return png(strip(open_library(location).load(asset_class, instance), OBJECT_SIZE))
 
 
 def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
     """Return the PNG of a scene; runs in the rendering process."""
     from PIL import Image, ImageDraw
 
+    from gensim2.inspection.pictures import png
     from gensim2.sim.driver import NO_DRIVER, can_render
     from gensim2.sim.env import GenSim2Env
 
@@ -135,7 +135,7 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
         x, y = _pixel(place, picture.size)
         draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill="#7b3fb0", outline="#ffffff")
         draw.text((x + 6, y - 6), key.split("_object_")[-1], fill="#ffffff", stroke_width=2, stroke_fill="#1c2430")
-    return _png(picture)
+    return png(picture)
 
 
 def _actuation(
@@ -185,9 +185,3 @@ def _pixel(point: Any, size: tuple[int, int]) -> tuple[float, float]:
     focal = 0.5 * size[1] / float(np.tan(FIELD_OF_VIEW / 2))
     x = size[0] / 2 + focal * float((point - eye) @ right) / depth
     return x, size[1] / 2 - focal * float((point - eye) @ up) / depth
-
-
-def _png(picture: Any) -> bytes:
-    buffer = io.BytesIO()
-    picture.save(buffer, format="PNG")
-    return buffer.getvalue()

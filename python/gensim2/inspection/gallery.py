@@ -6,10 +6,10 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
@@ -22,13 +22,10 @@ from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.selection import wanted_classes
 from gensim2.objects.types import BODY, ArticulatedObject, AssetError, RigidObject
 
-if TYPE_CHECKING:
-    from PIL import Image
-
 VIEWS = 8
 SIZE = 176  # width and height of one view in pixels
 WROTE = "give a file that `gensim2 assets validate --json` wrote"
-FORMAT_VERSION = "1"  # format of the gallery; after a change all images are rendered again
+FORMAT_VERSION = "2"  # format of the gallery; after a change all images are drawn again
 
 
 @dataclass(frozen=True)
@@ -134,16 +131,12 @@ def build_gallery(
 
 
 class _Maker:
-    """Makes a card (picture and facts) for each object on the page, and renders the pictures that do not exist yet.
-
-    The renderer starts only if a picture is missing.
-    """
+    """Makes a card (picture and facts) for each object on the page, and draws the pictures that do not exist yet."""
 
     def __init__(self, out: Path, views: int, size: int) -> None:
         self.made = self.kept = 0
         self.refused: list[tuple[str, str, str]] = []
         self._out, self._views, self._size = out, views, size
-        self._studio: pictures.Studio | None = None
 
     def card(self, library: Library, name: str, instance_id: str) -> _Card:
         try:
@@ -152,21 +145,15 @@ class _Maker:
             return self._refuse(name, instance_id, error)
         place = f"pictures/{library.name}/{name}/{instance_id}"
         if isinstance(model, RigidObject):
-            picture = self._picture(
-                place, model.folder.name, lambda studio: pictures.rigid_turntable(studio, model, self._views)
-            )
-            return _rigid_card(model, picture)
-        picture = self._picture(
-            place, model.urdf.parent.name, lambda studio: pictures.turntable(studio, model, self._views)
-        )
-        return _card(model, picture)
+            return _rigid_card(model, self._picture(place, model.folder.name, model))
+        return _card(model, self._picture(place, model.urdf.parent.name, model))
 
     def _refuse(self, asset_class: str, name: str, error: InputError) -> _Card:
         self.refused.append((asset_class, name, str(error)))
         return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
 
-    def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
-        """Return the path of a picture. If the picture is missing, render it and remove its outdated versions.
+    def _picture(self, place: str, content: str, model: ArticulatedObject | RigidObject) -> str:
+        """Return the path of a picture. If the picture is missing, draw it and remove its outdated versions.
 
         Args:
             content: name of the folder with the prepared object. The name contains digests of the object's files and of
@@ -178,9 +165,8 @@ class _Maker:
         if file.is_file():
             self.kept += 1
             return picture
-        self._studio = self._studio or pictures.Studio(self._size)
         stream = io.BytesIO()
-        draw(self._studio).save(stream, "WEBP", quality=82, method=4)
+        pictures.turntable(model, self._views, self._size).save(stream, "WEBP", quality=82, method=4)
         # The pattern matches pictures of this object only. A looser pattern for object 1 would also match, and delete,
         # pictures of object 1-2.
         own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")

@@ -1,54 +1,40 @@
-"""Make pictures of objects with SAPIEN's renderer in a studio: a scene with a table, lamps and a camera."""
+"""Draw pictures of objects by ray casting, which needs no graphics driver."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import GenSim2Error, MissingExtraError
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import BODY, ArticulatedObject, RigidObject
+from gensim2.perception.raycast.drawing import Drawing, fitting_distance
+from gensim2.perception.raycast.kinematics import Tree, read_urdf
+from gensim2.perception.raycast.shapes import WHITE, Surface, read_links, read_mesh
 
 if TYPE_CHECKING:
     from PIL import Image
 
 Array = npt.NDArray[np.float64]
-Pixels = npt.NDArray[np.uint8]
+View = tuple[float, float]
+"""Openness of the object (0 to 1) in a picture, and azimuth of the camera (degrees around the object; 0 is the robot's
+side, 90 the robot's right)."""
 
 OPENNESS = (0.0, 0.5, 1.0)
 HALF_OPEN = 0.5
-FIELD_OF_VIEW = np.radians(30)
 ELEVATION = 26.0  # degrees, elevation of the camera above the table
 THREE_QUARTER = 32.0  # degrees, azimuth of the camera to the right of the robot's side
-# images are rendered larger by this factor and then reduced, because SAPIEN's rasterizer does not smooth edges
-OVERSAMPLING = 2
 MARGIN = 1.04
 PAPER, INK = "#ffffff", "#1c2430"
+TABLE = (200, 201, 204)
+PAINT = ((120, 150, 190), (230, 150, 60))
+"""Colours of surfaces without material: of fixed links and rigid objects, and of moving links."""
 MARK_COLOURS = ("#d6273a", "#1f6fd1", "#1b8f4c", "#b5661a", "#7b3fb0", "#0f8f99")
-MARK_RADIUS = 4  # pixels, radius of a keypoint's disc
-
-
-@dataclass(frozen=True)
-class Mark:
-    """Position of a keypoint in an image. ``x`` and ``y`` are in pixels from the upper left corner, and ``hidden``
-    states whether the keypoint is occluded.
-    """
-
-    x: float
-    y: float
-    hidden: bool
-
-
-@dataclass(frozen=True)
-class Shot:
-    """An image (H, W, 3) and the keypoints in it by name."""
-
-    pixels: Pixels
-    marks: dict[str, Mark]
+HEADER, GAP, CAPTION = 26, 6, 22
+"""Height of titles, gap between pictures, and height of the names in a contact sheet, pixels."""
 
 
 def short_name(keypoint: str) -> str:
@@ -56,322 +42,186 @@ def short_name(keypoint: str) -> str:
     return keypoint.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
 
 
-def mark_colour(instance: ArticulatedObject | RigidObject, keypoint: str) -> str:
+def mark_colour(model: ArticulatedObject | RigidObject, keypoint: str) -> str:
     """Return the colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
-    return MARK_COLOURS[sorted(instance.keypoints).index(keypoint) % len(MARK_COLOURS)]
+    return MARK_COLOURS[sorted(model.keypoints).index(keypoint) % len(MARK_COLOURS)]
 
 
-class Studio:
-    """A simulated table with lamps and a camera, for pictures of one object at a time.
+def drawn(
+    model: ArticulatedObject | RigidObject,
+    views: Sequence[View],
+    size: int,
+    *,
+    marked: bool = True,
+    named: bool = False,
+) -> list[Image.Image]:
+    """Return a picture of an object in its default placement for each view.
 
-    With a software driver, the first picture takes seconds because shaders are compiled; further pictures take tens of
-    milliseconds. Therefore use one studio for all pictures.
+    All pictures have the same scale: the object fits each of them. A keypoint is a disc, or a ring if it is hidden.
+
+    Args:
+        model: the object.
+        views: openness and azimuth of each picture; a rigid object has no openness, and ignores the value.
+        size: width and height of a picture, pixels.
+        marked: whether the pictures show the keypoints.
+        named: whether the pictures also show the names of the keypoints.
+
+    Raises:
+        InputError: a file of the object cannot be used.
     """
-
-    def __init__(self, size: int = 200) -> None:
-        """Set up the studio.
-
-        Args:
-            size: width and height of the pictures, pixels.
-
-        Raises:
-            MissingExtraError: SAPIEN is not installed.
-            GenSim2Error: no Vulkan driver works on this machine.
-        """
-        try:
-            import sapien
-
-            from gensim2.sim.driver import NO_DRIVER, can_render
-        except ImportError as error:
-            raise MissingExtraError(error.name or "sapien", "sim") from error
-        if not can_render():
-            raise GenSim2Error(NO_DRIVER)
-        self.size = size
-        self._sapien = sapien
-        self._scene = sapien.Scene()
-        self._scene.set_ambient_light([0.42, 0.42, 0.44])
-        self._scene.add_directional_light(
-            [0.75, 0.55, -1.2], [1.75, 1.7, 1.6], shadow=True, shadow_scale=1.2, shadow_map_size=1024
-        )
-        self._scene.add_directional_light([0.4, -0.9, -0.5], [0.55, 0.58, 0.65])
-        builder = self._scene.create_actor_builder()
-        table = sapien.render.RenderMaterial(base_color=[0.78, 0.79, 0.80, 1], roughness=0.95, specular=0.05)
-        builder.add_box_visual(half_size=[20, 20, 0.5], material=table)
-        builder.build_kinematic("table").set_pose(sapien.Pose([0, 0, -0.5]))
-        pixels = size * OVERSAMPLING
-        self._camera = self._scene.add_camera("camera", pixels, pixels, float(FIELD_OF_VIEW), 0.02, 50)
-        self._object: Any = None
-        self._subject: ArticulatedObject | RigidObject | None = None
-        self._center = np.zeros(3)
-        self._distance = 1.0
-
-    def put(
-        self,
-        instance: ArticulatedObject,
-        openness: Sequence[float] = OPENNESS,
-        azimuths: Sequence[float] = (THREE_QUARTER,),
-    ) -> None:
-        """Replace the object in the studio by an articulated object in its default placement.
-
-        The camera is placed so that the object fits the picture from all ``azimuths`` (degrees) at all ``openness``
-        values.
-        """
-        self._clear()
-        builder = self._scene.create_urdf_loader().parse(str(instance.urdf))[0][0]
-        for link in builder.link_builders:
-            link.collision_records.clear()
-        self._object = builder.build(fix_root_link=True)
-        place = instance.placement
-        self._object.set_root_pose(self._sapien.Pose(place.position, place.quaternion))
-        self._subject = instance
-        self._frame(np.concatenate([world_points(instance, share) for share in openness]), azimuths)
-
-    def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
-        """Replace the object in the studio by a rigid object in its resting pose."""
-        self._clear()
-        builder = self._scene.create_actor_builder()
-        if rigid.visual is not None:
-            builder.add_visual_from_file(str(rigid.visual))
-        else:
-            for index in range(len(rigid.hulls[BODY])):
-                builder.add_visual_from_file(str(rigid.hull_file(index)))
-        self._object = builder.build_kinematic(rigid.asset_class)
-        place = rigid.placement
-        self._object.set_pose(self._sapien.Pose(place.position, place.quaternion))
-        self._subject = rigid
-        points = [*np.concatenate(rigid.hulls[BODY]), *(k.position for k in rigid.keypoints.values())]
-        self._frame(np.array(points) @ place.rotation.T + place.position, azimuths)
-
-    def _clear(self) -> None:
-        if self._object is None:
-            return
-        if isinstance(self._subject, ArticulatedObject):
-            self._scene.remove_articulation(self._object)
-        else:
-            self._scene.remove_actor(self._object)
-        self._object = self._subject = None
-
-    def _frame(self, points: Array, azimuths: Sequence[float]) -> None:
-        """Place the camera so that points (N, 3) in the world frame fit the picture."""
-        self._center = (points.min(axis=0) + points.max(axis=0)) / 2
-        self._distance = MARGIN * max(_clear_distance(points - self._center, azimuth) for azimuth in azimuths)
-
-    def shoot(self, openness: float = 0.0, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
-        """Return a picture of the object in the studio.
-
-        Args:
-            openness: 0 to 1.
-            azimuth: degrees around the object; 0 is the robot's side, 90 the robot's right.
-            elevation: degrees above the table.
-        """
-        subject = self._subject
-        if subject is None:
-            raise ValueError("the studio contains no object; call put or put_rigid first")
-        if isinstance(subject, ArticulatedObject):
-            joint = subject.joint
-            self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
-        R, eye = camera_pose(self._center, self._distance, azimuth, elevation)
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = R, eye
-        self._camera.entity.set_pose(self._sapien.Pose(T.astype(np.float32)))
-        self._scene.update_render()
-        self._camera.take_picture()
-        colour = np.clip(self._camera.get_picture("Color")[..., :3], 0, 1)
-        depth = -self._camera.get_picture("Position")[..., 2]
-        from PIL import Image
-
-        large = Image.fromarray((255 * colour).astype(np.uint8))
-        pixels = np.asarray(large.resize((self.size, self.size), Image.Resampling.BOX))
-        marks = {name: self._mark(point, R, eye, depth) for name, point in keypoints_at(subject, openness).items()}
-        return Shot(pixels, marks)
-
-    def _mark(self, point: Array, R: Array, eye: Array, depth: Array) -> Mark:
-        ahead, left, up = R.T @ (point - eye)
-        focal = 0.5 * self.size / float(np.tan(FIELD_OF_VIEW / 2))
-        x, y = self.size / 2 - focal * left / ahead, self.size / 2 - focal * up / ahead
-        column, row = (int(np.clip(OVERSAMPLING * v, 0, depth.shape[0] - 1)) for v in (x, y))
-        seen = float(depth[row, column])
-        return Mark(float(x), float(y), hidden=0 < seen < ahead - 0.02)
+    points = np.concatenate([_points(model, openness) for openness in dict.fromkeys(share for share, _ in views)])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    away = [_towards_camera(azimuth) for _, azimuth in views]
+    distance = MARGIN * max(fitting_distance(points - middle, each) for each in away)
+    pictures = []
+    for (openness, _), direction in zip(views, away, strict=True):
+        drawing = Drawing(_solids(model, openness), middle + distance * direction, middle, size)
+        for name, place in _keypoints(model, openness).items() if marked else ():
+            drawing.point(place, mark_colour(model, name), short_name(name) if named else "")
+        pictures.append(drawing.picture())
+    return pictures
 
 
-def camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
-    """Return the rotation (3, 3) and the position (3,) of a camera that looks at ``center``.
-
-    The columns of the rotation are the forward, left and up directions of the camera.
-    """
-    a, e = np.radians(azimuth), np.radians(elevation)
-    ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), -np.sin(e)])
-    left = np.array([-np.sin(a), np.cos(a), 0.0])
-    return np.column_stack([ahead, left, np.cross(ahead, left)]), center - distance * ahead
-
-
-def _clear_distance(points: Array, azimuth: float) -> float:
-    """Return the smallest distance (m) between a camera and its target at which the camera sees all points. The points
-    (N, 3) are given relative to the target, which is the point at which the camera looks.
-    """
-    R, _ = camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
-    ahead, left, up = R.T @ points.T
-    return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
-
-
-def world_points(instance: ArticulatedObject, openness: float) -> Array:
-    """Return hull vertices and keypoints (N, 3) in the world frame."""
-    R, position = instance.placement.rotation, instance.placement.position
-    T = instance.link_pose(openness)
-    child = instance.joint.child_link
-    points = [transform(T, hull) if link == child else hull for link, hulls in instance.hulls.items() for hull in hulls]
-    in_root = np.concatenate(points) @ R.T + position
-    return np.concatenate([in_root, np.array(list(keypoints_at(instance, openness).values())).reshape(-1, 3)])
-
-
-def keypoints_at(instance: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
-    """Return the keypoints (3,) in the world frame by name."""
-    if isinstance(instance, RigidObject):
-        place = instance.placement
-        return {
-            name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
-        }
-    R, position = instance.placement.rotation, instance.placement.position
-    T = instance.link_pose(openness)
-    found = {}
-    for name, keypoint in instance.keypoints.items():
-        point = keypoint.position
-        if keypoint.link == instance.joint.child_link:
-            point = transform(T, point[None])[0]
-        found[name] = R @ point + position
-    return found
-
-
-def annotated(shot: Shot, instance: ArticulatedObject | RigidObject, names: bool) -> Image.Image:
-    """Return the picture with the keypoints drawn into it: visible keypoints as discs, and occluded keypoints as rings.
-    If ``names`` is true, the picture also shows the names of the keypoints.
-    """
-    from PIL import Image, ImageDraw, ImageFont
-
-    picture = Image.fromarray(shot.pixels)
-    factor = 4  # the marks are drawn larger by this factor and then reduced, because PIL does not smooth edges
-    layer = Image.new("RGBA", (factor * picture.width, factor * picture.height), (0, 0, 0, 0))
-    draw = ImageDraw.Draw(layer)
-    for name, mark in shot.marks.items():
-        colour = mark_colour(instance, name)
-        for radius, ink in ((MARK_RADIUS + 1.5, "#ffffff"), (MARK_RADIUS, colour)):
-            r = factor * radius
-            x, y = factor * mark.x, factor * mark.y
-            box = (x - r, y - r, x + r, y + r)
-            if mark.hidden:
-                draw.ellipse(box, outline=ink, width=int(factor * (2.5 if ink == "#ffffff" else 2)))
-            else:
-                draw.ellipse(box, fill=ink)
-    layer = layer.resize(picture.size, Image.Resampling.LANCZOS)
-    picture.paste(layer, mask=layer)
-    if names:
-        text = ImageDraw.Draw(picture)
-        font = ImageFont.load_default(size=13)
-        taken: list[tuple[float, float, float, float]] = []
-        for name, mark in sorted(shot.marks.items(), key=lambda item: item[1].y):
-            label = short_name(name)
-            width = text.textlength(label, font=font)
-            x = min(mark.x + 9, picture.width - width - 3)
-            y = mark.y - 8
-            while any(abs(y - other[1]) < 15 and x < other[2] and x + width > other[0] for other in taken):
-                y += 4
-            taken.append((x, y, x + width, y + 15))
-            text.text((x, y), label, fill=mark_colour(instance, name), font=font, stroke_width=2, stroke_fill="#ffffff")
-    return picture
-
-
-def turntable(studio: Studio, instance: ArticulatedObject, views: int) -> Image.Image:
-    """Return views of an articulated object on one sheet: a row for each openness, a column for each azimuth.
+def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> Image.Image:
+    """Return views of an object from all around on one sheet, with a column for each azimuth. An articulated object has
+    a row for each openness (0, 0.5 and 1), and a rigid object has one row.
 
     Example:
         ```python
-        turntable(Studio(176), gensim2.open_library("builtin").load("drawer", "4711"), views=8).save("drawer.png")
+        turntable(gensim2.open_library("builtin").load("drawer", "4711"), views=8, size=176).save("drawer.png")
         ```
     """
-    from PIL import Image
-
-    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
-    studio.put(instance, azimuths=azimuths)
-    sheet = Image.new("RGB", (views * studio.size, len(OPENNESS) * studio.size), PAPER)
-    for row, openness in enumerate(OPENNESS):
-        for column, azimuth in enumerate(azimuths):
-            shot = studio.shoot(openness, azimuth)
-            sheet.paste(annotated(shot, instance, names=False), (column * studio.size, row * studio.size))
-    return sheet
+    shares = OPENNESS if isinstance(model, ArticulatedObject) else OPENNESS[:1]
+    pictures = drawn(model, [(share, azimuth) for share in shares for azimuth in _around(views)], size)
+    return _sheet(pictures, views, (size, size))
 
 
-def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
-    """Return views of a rigid object from all around in one row. The first view is taken from the robot's side."""
-    from PIL import Image
-
-    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
-    studio.put_rigid(rigid, azimuths)
-    sheet = Image.new("RGB", (views * studio.size, studio.size), PAPER)
-    for column, azimuth in enumerate(azimuths):
-        sheet.paste(annotated(studio.shoot(azimuth=azimuth), rigid, names=False), (column * studio.size, 0))
-    return sheet
-
-
-def strip(studio: Studio, model: ArticulatedObject | RigidObject) -> Image.Image:
+def strip(model: ArticulatedObject | RigidObject, size: int) -> Image.Image:
     """Return views with labelled keypoints: an articulated object at openness 0, 0.5 and 1, or a rigid object from
     three sides.
 
     Example:
         ```python
-        strip(Studio(176), gensim2.open_library("builtin").load("drawer", "4711")).save("drawer.png")
+        strip(gensim2.open_library("builtin").load("drawer", "4711"), size=176).save("drawer.png")
         ```
     """
-    from PIL import Image, ImageDraw, ImageFont
-
     if isinstance(model, RigidObject):
-        azimuths = [360.0 * column / 3 + THREE_QUARTER for column in range(3)]
-        studio.put_rigid(model, azimuths)
-        shots = [(studio.shoot(azimuth=azimuth), "") for azimuth in azimuths]
-        title = model.asset_class
+        views, captions = [(0.0, azimuth) for azimuth in _around(3)], [model.asset_class, "", ""]
     else:
-        studio.put(model)
-        shots = [(studio.shoot(openness), f"{openness:g}") for openness in OPENNESS]
-        title = f"{model.asset_class}/{model.id}, openness {shots[0][1]}"
-    header = 26
-    sheet = Image.new("RGB", (len(shots) * (studio.size + 4) - 4, studio.size + header), PAPER)
-    draw = ImageDraw.Draw(sheet)
-    for column, (shot, caption) in enumerate(shots):
-        left = column * (studio.size + 4)
-        sheet.paste(annotated(shot, model, names=True), (left, header))
-        draw.text((left + 6, 4), caption if column else title, fill=INK, font=ImageFont.load_default(size=15))
+        views = [(openness, THREE_QUARTER) for openness in OPENNESS]
+        captions = [f"{openness:g}" for openness in OPENNESS]
+        captions[0] = f"{model.asset_class}/{model.id}, openness {captions[0]}"
+    gap = 4
+    sheet = _sheet(drawn(model, views, size, named=True), len(views), (size + gap, size), (gap, 0), HEADER)
+    for column, caption in enumerate(captions):
+        _write(sheet, (column * (size + gap) + 6, 4), caption, 15)
     return sheet
 
 
-def contact_sheet(studio: Studio, models: Iterable[ArticulatedObject | RigidObject], columns: int) -> Image.Image:
+def contact_sheet(models: Iterable[ArticulatedObject | RigidObject], columns: int, size: int) -> Image.Image:
     """Return a grid of pictures, one for each object (half open if articulated), each with the name of the class.
 
     Example:
         ```python
         library = gensim2.open_library("builtin")
         models = [library.load("drawer", str(number)) for number in range(6)]
-        contact_sheet(Studio(176), models, columns=3).save("drawers.png")
+        contact_sheet(models, columns=3, size=176).save("drawers.png")
         ```
     """
-    from PIL import Image, ImageDraw, ImageFont
-
-    caption, gap = 22, 6
-    tiles: list[tuple[str, Pixels]] = []
+    names, pictures = [], list[Any]()
     for model in models:
-        if isinstance(model, RigidObject):
-            studio.put_rigid(model)
-            tiles.append((model.asset_class, studio.shoot().pixels))
-        else:
-            studio.put(model, [HALF_OPEN])
-            tiles.append((model.asset_class, studio.shoot(HALF_OPEN).pixels))
-    columns = min(columns, len(tiles))
-    rows = -(-len(tiles) // columns)
-    step_x, step_y = studio.size + gap, studio.size + caption + gap
-    sheet = Image.new("RGB", (columns * step_x - gap, rows * step_y - gap), PAPER)
-    draw = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(size=14)
-    for index, (name, pixels) in enumerate(tiles):
-        left, top = index % columns * step_x, index // columns * step_y
-        sheet.paste(Image.fromarray(pixels), (left, top))
-        width = draw.textlength(name, font=font)
-        draw.text((left + (studio.size - width) / 2, top + studio.size + 2), name, fill=INK, font=font)
+        names.append(model.asset_class)
+        pictures += drawn(model, [(HALF_OPEN, THREE_QUARTER)], size, marked=False)
+    columns, step = min(columns, len(names)), (size + GAP, size + CAPTION + GAP)
+    sheet = _sheet(pictures, columns, step, (GAP, GAP))
+    for index, name in enumerate(names):
+        place = index % columns * step[0] + size / 2, index // columns * step[1] + size + 2
+        _write(sheet, place, name, 14, anchor="ma")
     return sheet
+
+
+def png(picture: Image.Image) -> bytes:
+    """Return the content of a PNG file."""
+    stream = io.BytesIO()
+    picture.save(stream, "PNG")
+    return stream.getvalue()
+
+
+def _sheet(
+    pictures: Sequence[Image.Image], columns: int, step: tuple[int, int], gap: tuple[int, int] = (0, 0), top: int = 0
+) -> Image.Image:
+    """Return pictures in a grid. ``step`` is the distance of two pictures in pixels, and ``gap`` is the part of it that
+    is left out at the right and at the bottom of the sheet. Above the grid, ``top`` rows of pixels are empty.
+    """
+    from PIL import Image
+
+    rows = -(-len(pictures) // columns)
+    sheet = Image.new("RGB", (columns * step[0] - gap[0], top + rows * step[1] - gap[1]), PAPER)
+    for index, picture in enumerate(pictures):
+        sheet.paste(picture, (index % columns * step[0], top + index // columns * step[1]))
+    return sheet
+
+
+def _write(sheet: Image.Image, place: tuple[float, float], text: str, size: int, anchor: str = "la") -> None:
+    from PIL import ImageDraw, ImageFont
+
+    ImageDraw.Draw(sheet).text(place, text, fill=INK, font=ImageFont.load_default(size=size), anchor=anchor)
+
+
+def _around(views: int) -> list[float]:
+    """Return azimuths (degrees) that are evenly spaced around an object; the first one is at the robot's side."""
+    return [360.0 * column / views + THREE_QUARTER for column in range(views)]
+
+
+def _towards_camera(azimuth: float) -> Array:
+    """Return the unit vector (3,) from an object to the camera, in the world frame."""
+    a, e = np.radians(azimuth), np.radians(ELEVATION)
+    return np.array([-np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def _points(model: ArticulatedObject | RigidObject, openness: float) -> Array:
+    """Return hull vertices and keypoints (N, 3) in the world frame."""
+    if isinstance(model, RigidObject):
+        hulls = list(model.hulls[BODY])
+    else:
+        T, child = model.link_pose(openness), model.joint.child_link
+        hulls = [transform(T, hull) if link == child else hull for link, each in model.hulls.items() for hull in each]
+    in_world = np.concatenate(hulls) @ model.placement.rotation.T + model.placement.position
+    return np.concatenate([in_world, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])
+
+
+def _keypoints(model: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
+    """Return the keypoints (3,) in the world frame by name."""
+    R, position, found = model.placement.rotation, model.placement.position, {}
+    for name, keypoint in model.keypoints.items():
+        point = keypoint.position
+        if isinstance(model, ArticulatedObject) and keypoint.link == model.joint.child_link:
+            point = transform(model.link_pose(openness), point[None])[0]
+        found[name] = R @ point + position
+    return found
+
+
+def _solids(model: ArticulatedObject | RigidObject, openness: float) -> list[tuple[Surface, Array]]:
+    """Return the surfaces of the table and of the object's links, each with its pose (4, 4) in the world frame."""
+    root = np.eye(4)
+    root[:3, :3], root[:3, 3] = model.placement.rotation, model.placement.position
+    found = [(Surface.box((0.0, 0.0, -0.5), (20.0, 20.0, 0.5), TABLE), np.eye(4))]
+    if isinstance(model, RigidObject):
+        files = [model.hull_file(index) for index in range(len(model.hulls[BODY]))]
+        read = [read_mesh(file) for file in (files if model.visual is None else [model.visual])]
+        body = Surface.joined([surface for surface in read if surface is not None])
+        return [*found, *([] if body is None else [(_painted(body, PAINT[0]), root)])]
+    joint = model.joint
+    tree = Tree.of(read_urdf(model.urdf), (joint.name,))
+    value = joint.lower + openness * (joint.upper - joint.lower)
+    surfaces, poses = read_links(model.urdf), tree.poses(root[None], np.array([[value]]))[0]
+    for name, pose in zip(tree.names, poses, strict=True):
+        if (surface := surfaces.get(name)) is not None:
+            found.append((_painted(surface, PAINT[name == joint.child_link]), pose))
+    return found
+
+
+def _painted(surface: Surface, color: tuple[int, int, int]) -> Surface:
+    """Return the surface in another colour if it has neither colours nor textures."""
+    bare = bool((surface.colors == WHITE).all()) and not surface.textures
+    return surface.painted(color if bare else None)
