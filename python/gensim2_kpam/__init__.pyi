@@ -74,13 +74,14 @@ class Robot:
         srdf: File | None = None,
         base_link: str | None = None,
         package_dirs: Sequence[File] = (),
+        joints: Sequence[str] | None = None,
     ) -> Robot:
         """Read a URDF and its collision meshes (.stl, .ply, .obj, .dae, .glb, .gltf).
 
         Args:
             path: URDF file. Mesh paths are relative to its folder.
-            hand_link: link that carries the tool. The joints between ``base_link`` and this link are planned. Poses
-                and tool keypoints refer to the frame of this link, and moving joints below it are fingers.
+            hand_link: link that carries the tool. Poses and tool keypoints refer to the frame of this link, and moving
+                joints below it are fingers.
             srdf: SRDF file. Pairs of ``disable_collisions``, and links of ``disable_default_collisions`` except the
                 pairs of ``enable_collisions``, are not checked for collision. Without an SRDF file, neighbouring
                 links and links that overlap in at least 95 % of random configurations are not checked; see
@@ -89,10 +90,15 @@ class Robot:
             package_dirs: folders in which ``package://`` paths are searched: folders of ROS packages, or packages
                 themselves. Further folders are those in the environment variables ``ROS_PACKAGE_PATH`` and
                 ``AMENT_PREFIX_PATH``, and the folders above the URDF.
+            joints: names of the 1 to 16 independent joints that motions move, such as the joints of two arms, or of a
+                torso and an arm. All other joints keep their values. Default: the joints between ``base_link`` and
+                ``hand_link``. Problems that only concern the hand (:meth:`Scene.problem`, grasps) move those of the
+                joints that move the hand.
 
         Raises:
             UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
                 not expanded. The error names the link or joint.
+            ProblemError: ``joints`` is empty, or contains an unknown joint, a joint twice or a mimic joint.
 
         Example:
             ```python
@@ -144,6 +150,9 @@ class Robot:
     @property
     def joint_names(self) -> list[str]:
         """Names of the n moving joints. Joint vectors have the same order, which is the order in the URDF."""
+    @property
+    def planned_joints(self) -> list[str]:
+        """Names of the joints that motions move. All other joints keep their values."""
     @property
     def link_names(self) -> list[str]:
         """Names of all links."""
@@ -483,7 +492,7 @@ class Scene:
     def plan_to(
         self,
         q_start: Numbers,
-        goal: Numbers,
+        goal: Numbers | Mapping[str, Numbers],
         *,
         link: str | None = None,
         margin: float = 0.005,
@@ -512,10 +521,12 @@ class Scene:
         Otherwise it searches a path around the obstacles.
 
         Args:
-            q_start: (n,) values of all joints; joints that do not move the hand keep their values.
+            q_start: (n,) values of all joints; joints that are not planned (``Robot.planned_joints``) keep their
+                values.
             goal: joints (n,), alternative joints (K, n), a pose (4, 4) of ``link`` in the base frame, or 1 to 256
                 alternative poses (K, 4, 4). For a robot with four joints, a (4, 4) array that is a rigid transform is
-                a pose. Joints that do not move the hand keep the value of ``q_start``.
+                a pose. A dict of two link names and their poses brings both links to their poses, such as the hands
+                of two arms. Joints that are not planned keep the value of ``q_start``.
             link: link that must reach the goal pose; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start or the goal
                 keep that smaller distance. Links that are closer in every configuration must only not collide.
@@ -559,13 +570,19 @@ class Scene:
             ```
         """
     def plan_to_many(
-        self, q_starts: Sequence[Numbers], goals: Sequence[Numbers], *, threads: int | None = None, **options: Any
+        self,
+        q_starts: Sequence[Numbers],
+        goals: Sequence[Numbers | Mapping[str, Numbers]],
+        *,
+        threads: int | None = None,
+        **options: Any,
     ) -> list[Motion]:
         """Plan a motion for each pair of a start and a goal, in parallel. Ctrl-C interrupts planning.
 
         Args:
             q_starts: N starts (n,), rad or m.
-            goals: N goals, each as in :meth:`plan_to`: joints (n,) or (K, n), or poses (4, 4) or (K, 4, 4).
+            goals: N goals, each as in :meth:`plan_to`: joints (n,) or (K, n), poses (4, 4) or (K, 4, 4), or a dict of
+                two poses.
             threads: number of threads, 1 to 256; default: number of cores.
             options: keyword arguments of :meth:`plan_to`, which hold for all motions. ``deadline_ms`` counts from the
                 beginning of each motion.
@@ -590,6 +607,7 @@ class Scene:
         position_tolerance: float = 0.001,
         rotation_tolerance: float = 0.01,
         free_axis: Numbers | None = None,
+        second_link: str | None = None,
         margin: float = 0.005,
         seed: int = 0,
         velocity_scale: float = 1.0,
@@ -612,13 +630,17 @@ class Scene:
         the lines, or an obstacle is in the way.
 
         Args:
-            q_start: (n,) values of all joints, rad or m; joints that do not move the hand keep their values.
+            q_start: (n,) values of all joints, rad or m; joints that move neither the hand nor ``second_link`` keep
+                their values.
             poses: poses (4, 4) of the hand in the base frame.
             position_tolerance: maximum distance of the hand's origin from the lines, 0.0001 to 0.1 m.
             rotation_tolerance: maximum angle between the hand's orientation and the orientation at the nearest point of
                 the line, 0.001 to pi rad.
             free_axis: (3,) axis of the hand frame about which the hand may rotate freely. ``rotation_tolerance`` then
                 limits the angle between the directions of this axis.
+            second_link: link that keeps the pose relative to the hand that it has at ``q_start``, within the same
+                tolerances, such as the other hand of a robot that carries a box with both. Collisions of attached
+                bodies with the hand of this link are not checked, because it holds them, too. Not with ``free_axis``.
             margin, velocity_scale, acceleration_scale, limits, velocity_limits, acceleration_limits, jerk_limits,
                 torque_limits, start_time, max_checks, deadline_ms, cancel: as for :meth:`plan_to`. The checks are
                 counted only between two attempts, so a motion that is found first is returned.
@@ -639,7 +661,7 @@ class Scene:
         """
     def ik(
         self,
-        pose: Numbers,
+        pose: Numbers | Mapping[str, Numbers],
         q_start: Numbers,
         *,
         link: str | None = None,
@@ -659,9 +681,9 @@ class Scene:
         smallest values come first.
 
         Args:
-            pose: (4, 4) pose of ``link`` in the base frame.
-            q_start: (n,) joints at which the search begins, rad or m. Joints that do not move the hand keep their
-                values.
+            pose: (4, 4) pose of ``link`` in the base frame, or a dict of two link names and their poses.
+            q_start: (n,) joints at which the search begins, rad or m. Joints that are not planned, and joints of
+                another arm than that of ``link``, keep their values.
             link: link that must reach the pose; default: the hand.
             max_solutions: maximum number of solutions, 1 to 256. With 256, an arm of six joints gets all solutions,
                 unless joint ranges above a turn multiply their number.
@@ -671,8 +693,8 @@ class Scene:
             posture_weights: (n,) weights of the squared distances from ``posture``, 0 to 1e6 (1/rad^2 or 1/m^2);
                 default: 1 each.
             manipulability: weight of the manipulability, 0 to 1e6. Manipulability is ``sqrt(det(J @ J.T))`` with the
-                Jacobian of ``link`` (m and rad), or ``sqrt(det(J.T @ J))`` with fewer than six moving joints. It is 0
-                at a singularity.
+                Jacobian ``J`` of the link (m and rad), or ``sqrt(det(J.T @ J))`` with fewer than six moving joints.
+                It is 0 at a singularity. With two links, their sum counts.
             margin: minimum distance between two bodies at a solution, 0 to 0.1 m. Links that are closer in every
                 configuration must only not collide. With None, obstacles are ignored.
 

@@ -126,6 +126,15 @@ def _exported(said: str, folder: Path) -> None:
         assert (folder / export / "README.md").is_file()
 
 
+def _carried(said: str, _: Path) -> None:
+    """Two arms carry the box, which only friction holds, to its goal."""
+    assert re.findall(r"(\w+): (\w+), \S+ s", said) == [(name, "solved") for name in ("reach", "press", "carry")]
+    end = re.search(r"box: (\S+) mm and (\S+) degrees from its goal", said)
+    assert end is not None
+    assert float(end[1]) < 10.0
+    assert float(end[2]) < 2.0
+
+
 FOLDER = "run"
 
 OUTCOMES: dict[str, tuple[Outcome, tuple[str, ...]]] = {
@@ -139,6 +148,7 @@ OUTCOMES: dict[str, tuple[Outcome, tuple[str, ...]]] = {
     "08_evaluate_a_controller.py": (_evaluated, (FOLDER, "4")),
     "09_a_robot_of_your_own.py": (_own_robots, ()),
     "10_collect_and_export.py": (_exported, (FOLDER,)),
+    "11_two_arms.py": (_carried, ()),
 }
 """The examples by name, with their command-line arguments; files are relative to an empty folder."""
 

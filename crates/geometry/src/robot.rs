@@ -22,6 +22,9 @@ pub struct Robot {
     joints: Vec<Joint>,
     hand: usize,
     chain: Chain,
+    /// The joints that planning moves; `None` stands for those of the chain.
+    #[serde(default)]
+    planned: Option<Vec<usize>>,
     /// Sorted pairs of links (lower index first) that are never checked for collision.
     allowed: Vec<(usize, usize)>,
     /// The pairs of `allowed` that are unchecked only because they overlap in almost all configurations.
@@ -142,7 +145,7 @@ impl Robot {
         let chain = Chain::new(&links, &joints, hand);
         let (allowed, unchecked) = (Vec::new(), Vec::new());
         let (cover, close) = (Computed::default(), Computed::default());
-        Self { name, links, joints, hand, chain, allowed, unchecked, cover, close }
+        Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, cover, close }
     }
 
     /// Creates a robot from parts that are not validated. Links are never checked against each other if they are a pair
@@ -157,7 +160,7 @@ impl Robot {
         // The chain is empty until the tree has been validated.
         let (chain, unchecked) = (Chain::default(), Vec::new());
         let (cover, close) = (Computed::default(), Computed::default());
-        let mut robot = Self { name, links, joints, hand, chain, allowed, unchecked, cover, close };
+        let mut robot = Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, cover, close };
         robot.check_tree()?;
         robot.chain = Chain::new(&robot.links, &robot.joints, hand);
         robot.allow_neighbours(true);
@@ -211,12 +214,36 @@ impl Robot {
         if self.chain != Chain::new(&self.links, &self.joints, self.hand) {
             return fail("chain", "is not that of the links");
         }
+        if let Some(planned) = &self.planned {
+            self.check_planned(planned)?;
+        }
         if self.unchecked.iter().any(|pair| self.allowed.binary_search(pair).is_err()) {
             return fail("unchecked pairs", "must be among the allowed pairs");
         }
         let in_order = self.allowed.windows(2).all(|pair| pair[0] < pair[1]);
         if !in_order || self.allowed.iter().any(|(a, b)| a > b || *b >= self.links.len()) {
             return fail("allowed pairs", "must be pairs of links, in order");
+        }
+        Ok(())
+    }
+
+    /// Validates a list of joints that planning moves.
+    fn check_planned(&self, planned: &[usize]) -> Result<(), RobotError> {
+        let fail = |message: String| Err(RobotError::new("joints", message));
+        if planned.is_empty() {
+            return fail("must name at least one joint".to_owned());
+        }
+        for (k, j) in planned.iter().enumerate() {
+            let Some(joint) = self.joints.get(*j) else {
+                return fail(format!("names joint {j} of {}", self.joints.len()));
+            };
+            if planned[..k].contains(j) {
+                return fail(format!("names {} twice", joint.name));
+            }
+            if let Some(mimic) = joint.mimic {
+                let source = &self.joints[mimic.source].name;
+                return fail(format!("{} follows {source}; name {source} instead", joint.name));
+            }
         }
         Ok(())
     }
@@ -278,6 +305,59 @@ impl Robot {
     #[must_use]
     pub fn chain(&self) -> &Chain {
         &self.chain
+    }
+
+    /// Returns the robot with the joints that planning moves, such as those of both arms. By default, planning moves the
+    /// joints of the chain from the base to the hand. All other joints keep their values during a motion.
+    ///
+    /// ```
+    /// use gensim2_geometry::{Joint, Link, Robot};
+    /// use nalgebra::Vector3;
+    ///
+    /// let hinge = |name: &str| Joint::revolute(name, Vector3::z()).limits(-1.0, 1.0).velocity(1.0);
+    /// let robot = Robot::builder("two arms")
+    ///     .link(Link::base("base"))
+    ///     .link(Link::below("base", "left").moved_by(hinge("one")))
+    ///     .link(Link::below("base", "right").moved_by(hinge("two")))
+    ///     .build("left")?;
+    /// assert_eq!(robot.planned(), [0]);
+    /// assert_eq!(robot.clone().planning(&["two", "one"])?.planned(), [1, 0]);
+    /// assert!(robot.planning(&["three"]).is_err());
+    /// # Ok::<(), gensim2_geometry::RobotError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// The list is empty, or a name is unknown, is used twice, or belongs to a mimic joint.
+    pub fn planning<S: AsRef<str>>(mut self, joints: &[S]) -> Result<Self, RobotError> {
+        let index = |name: &S| {
+            let name = name.as_ref();
+            self.joints.iter().position(|joint| joint.name == name).ok_or_else(|| {
+                let known: Vec<&str> = self.joints.iter().map(Joint::name).collect();
+                RobotError::new("joints", format!("{name:?} is not a moving joint; joints: {}", known.join(", ")))
+            })
+        };
+        let planned = joints.iter().map(index).collect::<Result<Vec<usize>, _>>()?;
+        self.check_planned(&planned)?;
+        self.planned = Some(planned);
+        Ok(self)
+    }
+
+    /// Indices of the independent joints that planning moves, in the order of their variables.
+    #[must_use]
+    pub fn planned(&self) -> Vec<usize> {
+        self.planned.clone().unwrap_or_else(|| self.movers(&self.chain))
+    }
+
+    /// Indices of the independent joints that move the link of a chain of this robot, from the base to the link.
+    #[must_use]
+    pub fn movers(&self, chain: &Chain) -> Vec<usize> {
+        let mut out = Vec::new();
+        for drive in chain.joint_indices().filter_map(|j| self.drive(j)).filter(|d| d.multiplier != 0.0) {
+            if !out.contains(&drive.source) {
+                out.push(drive.source);
+            }
+        }
+        out
     }
 
     /// The chain of joints from the base to a link; `None` if the link does not exist.

@@ -1,7 +1,7 @@
 //! Joint motion for a given hand path. The path is followed in small steps. Each step reaches the next hand pose
 //! exactly and within the joint limits, and uses redundant joints to move away from the limits.
 
-use gensim2_geometry::{JointKind, Pose, Robot, rotation_log};
+use gensim2_geometry::{Chain, JointKind, Pose, Robot, rotation_log};
 use nalgebra::Vector3;
 
 use crate::Cancel;
@@ -58,9 +58,22 @@ impl Guide for HandPath {
     }
 }
 
+/// A second link that keeps its pose relative to the hand, such as another hand that holds the same object.
+pub(crate) struct SecondLink {
+    chain: Chain,
+    /// Joints of the chain that variables drive, as in [`Model::columns_of`].
+    columns: Vec<(usize, usize, f64)>,
+    /// Pose of the link in the hand frame.
+    in_hand: Pose,
+    placed: Placed,
+}
+
 pub(crate) struct Follower<'p> {
     robot: &'p Robot,
     model: &'p Model,
+    second: Option<SecondLink>,
+    /// For each variable, whether it moves the hand or the second link. All other variables keep their values.
+    moves: [bool; MAX_JOINTS],
     /// Unit axis of the hand frame about which the hand may rotate freely.
     pub free_axis: Option<Vector3<f64>>,
     /// Maximum distance (m) and angle (rad) of the curve through the waypoints from the hand path.
@@ -79,6 +92,8 @@ impl<'p> Follower<'p> {
         Self {
             robot,
             model,
+            second: None,
+            moves: model.moves(robot.chain()),
             free_axis: None,
             tolerance: [OFF_PATH, f64::INFINITY],
             posture: None,
@@ -87,6 +102,34 @@ impl<'p> Follower<'p> {
             bounds: Vec::new(),
             over,
         }
+    }
+
+    /// Lets the link of a chain keep the pose relative to the hand that it has at the joint vector `x`.
+    pub fn with_second(mut self, chain: Chain, x: &Row) -> Self {
+        let (columns, moves) = (self.model.columns_of(&chain), self.model.moves(&chain));
+        for (one, other) in self.moves.iter_mut().zip(moves) {
+            *one |= other;
+        }
+        let mut placed = Placed::default();
+        placed.place_along(&chain, &columns, self.model, x);
+        let in_hand = self.hand(x).inverse() * placed.hand;
+        self.second = Some(SecondLink { chain, columns, in_hand, placed });
+        self
+    }
+
+    /// Returns the number of variables that move the hand or the second link.
+    pub fn movers(&self) -> usize {
+        self.moves.iter().filter(|moves| **moves).count()
+    }
+
+    /// Returns the distance (m) and the angle (rad) by which the second link is off its pose relative to the hand at
+    /// `x`; zero if there is no second link.
+    pub fn second_off(&mut self, x: &Row) -> [f64; 2] {
+        let hand = self.hand(x);
+        let Some(second) = &mut self.second else { return [0.0; 2] };
+        second.placed.place_along(&second.chain, &second.columns, self.model, x);
+        let (way, turn) = left(&(hand * second.in_hand), &second.placed.hand, None);
+        [way.norm(), turn.norm()]
     }
 
     /// Returns the hand pose at the joint vector `x`.
@@ -154,9 +197,12 @@ impl<'p> Follower<'p> {
             let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
             let mut on_path = || {
                 let s = (i as f64 + 0.5) / steps as f64;
-                let hand = self.hand(&curve.at(i, 0.5));
+                let middle = curve.at(i, 0.5);
+                let off = self.second_off(&middle);
+                let hand = self.hand(&middle);
                 let (way, turn) = left(&path.at(if backwards { 1.0 - s } else { s }), &hand, self.free_axis.as_ref());
-                way.norm() < self.tolerance[0] && turn.norm() < self.tolerance[1]
+                let kept = |way: f64, turn: f64| way < self.tolerance[0] && turn < self.tolerance[1];
+                kept(way.norm(), turn.norm()) && kept(off[0], off[1])
             };
             !(limited && on_path())
         })
@@ -170,7 +216,10 @@ impl<'p> Follower<'p> {
         for round in 0..12 {
             let hand = self.hand(&x);
             let (way, turn) = left(goal, &hand, self.free_axis.as_ref());
-            if way.amax() < EXACT && turn.amax() < EXACT {
+            let second = self.second_rows(goal, &x);
+            let met = |value: f64| value.abs() < EXACT;
+            let second_met = second.as_ref().is_none_or(|(_, values)| values.iter().all(|v| met(*v)));
+            if way.amax() < EXACT && turn.amax() < EXACT && second_met {
                 let jumped = (0..n).any(|v| (x[v] - from[v]).abs() > JUMP);
                 return (!jumped).then_some(x);
             }
@@ -186,7 +235,18 @@ impl<'p> Follower<'p> {
                 None => {
                     let [roll, pitch, yaw] = [0, 1, 2].map(|k| about(&Vector3::ith(k, 1.0)));
                     let rows = [x_row, y_row, z_row, roll.0, pitch.0, yaw.0];
-                    self.step(&x, &rows, &[way.x, way.y, way.z, roll.1, pitch.1, yaw.1], &gradient)?
+                    let values = [way.x, way.y, way.z, roll.1, pitch.1, yaw.1];
+                    match second {
+                        None => self.step(&x, &rows, &values, &gradient)?,
+                        Some((more_rows, more_values)) => {
+                            let (mut all, mut both) = ([[0.0; MAX_JOINTS]; 12], [0.0; 12]);
+                            all[..6].copy_from_slice(&rows);
+                            all[6..].copy_from_slice(&more_rows);
+                            both[..6].copy_from_slice(&values);
+                            both[6..].copy_from_slice(&more_values);
+                            self.step(&x, &all, &both, &gradient)?
+                        }
+                    }
                 }
                 Some(axis) => {
                     let axis = hand.rotation * axis;
@@ -204,6 +264,18 @@ impl<'p> Follower<'p> {
             }
         }
         None
+    }
+
+    /// Returns the gradients of the second link's translation and rotation at `x`, and the translation (m) and rotation
+    /// (rad) to its pose for the hand at `goal`; `None` if there is no second link.
+    fn second_rows(&mut self, goal: &Pose, x: &Row) -> Option<([Row; 6], [f64; 6])> {
+        let second = self.second.as_mut()?;
+        second.placed.place_along(&second.chain, &second.columns, self.model, x);
+        let at = second.placed.hand;
+        let (way, turn) = left(&(goal * second.in_hand), &at, None);
+        let [x_row, y_row, z_row] = second.placed.point_rows(&at.translation.vector);
+        let [roll, pitch, yaw] = [0, 1, 2].map(|k| second.placed.angular_row(&Vector3::ith(k, 1.0)));
+        Some(([x_row, y_row, z_row, roll, pitch, yaw], [way.x, way.y, way.z, turn.x, turn.y, turn.z]))
     }
 
     /// Returns the smallest step with `rows . step = values` within joint limits.
@@ -279,6 +351,7 @@ impl<'p> Follower<'p> {
     /// its limits.
     fn push(&self, v: usize, x: &Row) -> f64 {
         match &self.posture {
+            _ if !self.moves[v] => 0.0,
             Some(posture) => (posture[v] - x[v]).clamp(-1.0, 1.0),
             None => self.limit_push(v, x),
         }

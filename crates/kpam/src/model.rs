@@ -9,12 +9,12 @@ use crate::ProblemError;
 pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
 
 /// Maximum number of joints that planning moves. Buffers of this length are allocated on the stack.
-pub const MAX_JOINTS: usize = 12;
+pub const MAX_JOINTS: usize = 16;
 
 /// Positions, velocities or a Jacobian row of the joints that planning moves; unused entries at the end are zero.
 pub type Row = [f64; MAX_JOINTS];
 
-/// The joints that move the hand, as independent variables. Mimic joints are not variables: they follow the variables
+/// The joints that planning moves, as independent variables. Mimic joints are not variables: they follow the variables
 /// through [`Model::map`], and their limits bound the variables that drive them.
 #[derive(Debug, Clone)]
 pub struct Model {
@@ -38,37 +38,46 @@ pub struct Model {
 }
 
 impl Model {
-    /// Creates the variables of `robot`. Joints that do not move the hand keep the values in `rest`, a joint vector of
-    /// the whole robot.
+    /// Creates the variables of `robot`: its planned joints. All other joints keep the values in `rest`, a joint vector
+    /// of the whole robot.
     ///
     /// # Errors
-    /// No joint moves the hand, more than [`MAX_JOINTS`] do, `rest` has the wrong length, or a variable's own limits
+    /// No joint is planned, more than [`MAX_JOINTS`] are, `rest` has the wrong length, or a variable's own limits
     /// contradict those of its mimic joints.
     pub fn new(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
-        let joints = robot.joints();
-        if rest.len() != joints.len() {
-            return Err(ProblemError::new("q_start", format!("has {} entries, not {}", rest.len(), joints.len())));
-        }
-        let on_chain: Vec<_> = robot.chain().joint_indices().filter_map(|j| robot.drive(j)).collect();
-        let mut indices: Vec<usize> = Vec::new();
-        for drive in on_chain.iter().filter(|d| d.multiplier != 0.0) {
-            if !indices.contains(&drive.source) {
-                indices.push(drive.source);
-            }
-        }
+        let indices = robot.planned();
         if indices.is_empty() || indices.len() > MAX_JOINTS {
             let message = format!(
-                "has {} independent joints that move its hand; 1 to {MAX_JOINTS} can be planned",
+                "plans {} independent joints; 1 to {MAX_JOINTS} can be planned, which the argument joints names",
                 indices.len()
             );
             return Err(ProblemError::new("robot", message));
         }
-        let mut columns = Vec::new();
-        for (i, drive) in on_chain.iter().enumerate().filter(|(_, d)| d.multiplier != 0.0) {
-            let variable = indices.iter().position(|j| *j == drive.source);
-            columns.extend(variable.map(|v| (i, v, drive.multiplier)));
+        Self::of_joints(robot, indices, rest)
+    }
+
+    /// Creates the variables of `robot` that move its hand, for a problem that only concerns the hand.
+    ///
+    /// # Errors
+    /// As [`Model::new`]; none of the planned joints moves the hand.
+    pub(crate) fn of_hand(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
+        let planned = robot.planned();
+        let indices: Vec<usize> = robot.movers(robot.chain()).into_iter().filter(|j| planned.contains(j)).collect();
+        if indices.is_empty() || indices.len() > MAX_JOINTS {
+            let message =
+                format!("has {} planned joints that move its hand; 1 to {MAX_JOINTS} can be planned", indices.len());
+            return Err(ProblemError::new("robot", message));
+        }
+        Self::of_joints(robot, indices, rest)
+    }
+
+    fn of_joints(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Result<Self, ProblemError> {
+        let joints = robot.joints();
+        if rest.len() != joints.len() {
+            return Err(ProblemError::new("q_start", format!("has {} entries, not {}", rest.len(), joints.len())));
         }
         let map = JointMap::new(robot, indices, rest);
+        let columns = columns(&map, robot.chain());
         let (mut lower, mut upper, mut reach) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         let mut endless = [false; MAX_JOINTS];
         for (v, j) in map.indices().iter().enumerate() {
@@ -90,6 +99,18 @@ impl Model {
         let acceleration = map.least(|j| joints[j].acceleration());
         let jerk = map.least(|j| joints[j].jerk());
         Ok(Self { map, lower, upper, velocity, acceleration, jerk, endless, reach, columns })
+    }
+
+    /// Returns for each variable whether it moves the link of a chain.
+    pub(crate) fn moves(&self, chain: &Chain) -> [bool; MAX_JOINTS] {
+        let mut out = [false; MAX_JOINTS];
+        self.columns_of(chain).iter().for_each(|(_, variable, _)| out[*variable] = true);
+        out
+    }
+
+    /// Returns the joints of a chain that variables drive: index in the chain, variable, and mimic factor.
+    pub(crate) fn columns_of(&self, chain: &Chain) -> Vec<(usize, usize, f64)> {
+        columns(&self.map, chain)
     }
 
     /// Returns the map from variables to joint vectors of the whole robot.
@@ -135,11 +156,6 @@ impl Model {
     #[must_use]
     pub fn start(&self) -> Row {
         self.map.pick(self.map.rest())
-    }
-
-    /// Computes the frames of the chain from base to hand at the variables `x`.
-    pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
-        self.forward_along(robot.chain(), x, q, frames);
     }
 
     /// Computes the frames of any chain at the variables `x`.
@@ -206,6 +222,12 @@ impl Model {
     }
 }
 
+/// Returns the joints of a chain that variables drive: index in the chain, variable, and mimic factor.
+fn columns(map: &JointMap, chain: &Chain) -> Vec<(usize, usize, f64)> {
+    let driven = |joint: usize| map.driven().iter().find(|d| d.joint == joint);
+    chain.joint_indices().enumerate().filter_map(|(i, j)| driven(j).map(|d| (i, d.variable, d.factor))).collect()
+}
+
 /// A point or direction fixed to the hand, in the base frame, and the vector that weights its second derivatives.
 pub(crate) type Weighed = (Vector3<f64>, Vector3<f64>);
 
@@ -245,15 +267,19 @@ impl Default for Placed {
 impl Placed {
     /// Computes the hand pose and its derivatives at `x`, unless they were computed for `x` before.
     pub fn place(&mut self, robot: &Robot, model: &Model, x: &Row) {
+        self.place_along(robot.chain(), &model.columns, model, x);
+    }
+
+    /// Computes the same for the link of any chain; `columns` are the variables that move it.
+    pub fn place_along(&mut self, chain: &Chain, columns: &[(usize, usize, f64)], model: &Model, x: &Row) {
         if self.x == *x {
             return;
         }
         self.x = *x;
-        model.forward(robot, x, &mut self.q, &mut self.frames);
+        model.forward_along(chain, x, &mut self.q, &mut self.frames);
         self.hand = self.frames.tip;
         self.columns.clear();
-        let chain = robot.chain();
-        for &(i, variable, factor) in &model.columns {
+        for &(i, variable, factor) in columns {
             let axis = self.frames.axes[i] * factor;
             let (turn, shift) = match chain.kind(i) {
                 Some(JointKind::Revolute) => (axis, self.frames.origins[i].cross(&axis)),

@@ -227,7 +227,7 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
 
 /// Header of pickled data with the version of their layout. Increment it whenever a pickled type changes.
 const TAG: &[u8; 4] = b"kpam";
-const LAYOUT: u8 = 3;
+const LAYOUT: u8 = 4;
 
 /// Serializes a value for pickling.
 pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {

@@ -45,10 +45,14 @@ pub(crate) struct PyRobot(pub Arc<Robot>);
 impl PyRobot {
     /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries
     /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root);
-    /// `package_dirs` are folders of packages named by `package://` paths. An unusable file raises a `UrdfError` that
-    /// names the link or joint.
+    /// `package_dirs` are folders of packages named by `package://` paths; `joints` names the joints that planning moves
+    /// (default: those between the base and the hand). An unusable file raises a `UrdfError` that names the link or
+    /// joint.
     #[staticmethod]
-    #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None, package_dirs = Vec::new()))]
+    #[pyo3(
+        name = "from_urdf",
+        signature = (path, *, hand_link, srdf = None, base_link = None, package_dirs = Vec::new(), joints = None)
+    )]
     fn read_urdf(
         py: Python<'_>,
         path: PathBuf,
@@ -56,10 +60,22 @@ impl PyRobot {
         srdf: Option<PathBuf>,
         base_link: Option<&str>,
         package_dirs: Vec<PathBuf>,
+        joints: Option<Vec<String>>,
     ) -> PyResult<Self> {
-        py.detach(|| Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link, &package_dirs))
-            .map(|r| Self(Arc::new(r)))
-            .map_err(|e| from_urdf(&e))
+        let robot = py
+            .detach(|| Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link, &package_dirs))
+            .map_err(|e| from_urdf(&e))?;
+        let robot = match joints {
+            None => robot,
+            Some(joints) => robot.planning(&joints).map_err(|e| problem_error(&e.field, &e.message))?,
+        };
+        Ok(Self(Arc::new(robot)))
+    }
+
+    /// Names of the joints that planning moves.
+    #[getter]
+    fn planned_joints(&self) -> Vec<String> {
+        self.0.planned().into_iter().map(|j| self.0.joints()[j].name().to_owned()).collect()
     }
 
     /// Lists all pairs of links with shapes, and how often they overlap in random configurations: dicts `links`,

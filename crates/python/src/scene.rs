@@ -15,7 +15,7 @@ use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
 use crate::renamed;
-use crate::transit::{Arguments, PyMotion};
+use crate::transit::{Arguments, PyMotion, two_poses};
 
 /// Maximum number of configurations that are checked on the calling thread.
 const FEW: usize = 256;
@@ -214,7 +214,8 @@ impl PyScene {
     }
 
     /// Plans a timed motion from `q_start` to rest at one of the goals that keeps `margin` (m) from all obstacles:
-    /// `goal` is (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame.
+    /// `goal` is (n,), or alternatives (K, n), or the pose (4, 4) of `link` (default: the hand) in the base frame, or a
+    /// dict of two links and their poses.
     #[pyo3(
         signature = (q_start, goal, **options),
         text_signature = "($self, q_start, goal, *, link=None, margin=0.005, samples=100_000, seed=0, velocity_scale=1.0, acceleration_scale=1.0, limits=None, velocity_limits=None, acceleration_limits=None, jerk_limits=None, torque_limits=None, path=None, tool_keypoints=None, start_velocity=None, start_acceleration=None, start_time=0.0, warm_start=None, max_checks=None, deadline_ms=None, cancel=None)"
@@ -249,10 +250,11 @@ impl PyScene {
     }
 
     /// Plans a timed motion from rest at `q_start` along straight lines of the hand through `poses`, each (4, 4) in the
-    /// base frame, within a tolerance. The hand may rotate about `free_axis` (3,), a direction of the hand frame.
+    /// base frame, within a tolerance. The hand may rotate about `free_axis` (3,), a direction of the hand frame, or
+    /// `second_link` keeps its pose relative to the hand.
     #[pyo3(
-        signature = (q_start, poses, *, position_tolerance = 0.001, rotation_tolerance = 0.01, free_axis = None, **options),
-        text_signature = "($self, q_start, poses, *, position_tolerance=0.001, rotation_tolerance=0.01, free_axis=None, margin=0.005, seed=0, velocity_scale=1.0, acceleration_scale=1.0, limits=None, velocity_limits=None, acceleration_limits=None, jerk_limits=None, torque_limits=None, start_time=0.0, max_checks=None, deadline_ms=None, cancel=None)"
+        signature = (q_start, poses, *, position_tolerance = 0.001, rotation_tolerance = 0.01, free_axis = None, second_link = None, **options),
+        text_signature = "($self, q_start, poses, *, position_tolerance=0.001, rotation_tolerance=0.01, free_axis=None, second_link=None, margin=0.005, seed=0, velocity_scale=1.0, acceleration_scale=1.0, limits=None, velocity_limits=None, acceleration_limits=None, jerk_limits=None, torque_limits=None, start_time=0.0, max_checks=None, deadline_ms=None, cancel=None)"
     )]
     #[allow(clippy::too_many_arguments)]
     fn plan_along(
@@ -263,6 +265,7 @@ impl PyScene {
         position_tolerance: f64,
         rotation_tolerance: f64,
         free_axis: Option<&Bound<'_, PyAny>>,
+        second_link: Option<String>,
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<PyMotion> {
         let unknown =
@@ -271,11 +274,12 @@ impl PyScene {
         let mut tolerance = PathTolerance::default();
         (tolerance.position, tolerance.rotation) = (position_tolerance, rotation_tolerance);
         tolerance.free_axis = free_axis.map(|axis| convert::vector3(axis, "free_axis")).transpose()?;
+        tolerance.second_link = second_link;
         self.motion_along(py, q_start, poses, tolerance, arguments)
     }
 
     /// Returns at most `max_solutions` distinct joint vectors (K, n) that bring `link` (default: the hand) to a pose
-    /// (4, 4) in the base frame, best first: closest to `q_start`, or by the objective of `posture` and `manipulability`.
+    /// (4, 4) in the base frame, or two links to the poses of a dict, best first: closest to `q_start`, or by the objective of `posture` and `manipulability`.
     /// With a `margin` (m), only solutions that keep this distance from obstacles are returned.
     #[allow(clippy::too_many_arguments)]
     #[pyo3(
@@ -308,11 +312,21 @@ impl PyScene {
         let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?;
         options.max_solutions = max_solutions.unwrap_or(options.max_solutions);
         (options.link, options.seed, options.min_distance) = (link, seed, min_distance);
+        let pose = match pose.cast::<PyDict>() {
+            Err(_) => convert::pose(pose, "pose")?,
+            Ok(poses) => {
+                if options.link.is_some() {
+                    return Err(problem_error("link", "must be omitted: the poses name their links"));
+                }
+                let [(link, pose), other] = two_poses(poses, "pose")?;
+                (options.link, options.other) = (Some(link), Some(other));
+                pose
+            }
+        };
         options.posture = listed(posture, "posture")?;
         options.posture_weights = listed(posture_weights, "posture_weights")?;
         (options.manipulability, options.margin) = (manipulability, margin);
         let q_start = convert::vector(q_start, "q_start", Some(joints))?;
-        let pose = convert::pose(pose, "pose")?;
         // Starting an interruptible thread takes longer than a plain search.
         let plain = options.posture.is_none() && manipulability == 0.0 && margin.is_none();
         let found = if plain {

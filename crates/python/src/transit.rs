@@ -120,9 +120,27 @@ impl PyMotion {
     }
 }
 
-/// Reads joint vectors (n,) or (K, n), or poses (4, 4) or (K, 4, 4) of a link. For a robot with four joints, a rigid transform
-/// is a pose.
+/// Reads two links with their poses (4, 4).
+pub(crate) fn two_poses(given: &Bound<'_, PyDict>, field: &str) -> PyResult<[(String, Pose); 2]> {
+    let poses = given.iter().map(|(link, pose)| {
+        let link: String = link.extract()?;
+        let pose = convert::pose(&pose, &format!("{field}[{link:?}]"))?;
+        Ok((link, pose))
+    });
+    let poses: Vec<(String, Pose)> = poses.collect::<PyResult<_>>()?;
+    let count = poses.len();
+    poses.try_into().map_err(|_| problem_error(field, format!("must give two links a pose each, not {count}")))
+}
+
+/// Reads joint vectors (n,) or (K, n), poses (4, 4) or (K, 4, 4) of a link, or a dict of two links and their poses. For a
+/// robot with four joints, a rigid transform is a pose.
 fn goal_of(goal: &Bound<'_, PyAny>, field: &str, joints: usize, link: Option<String>) -> PyResult<Goal> {
+    if let Ok(poses) = goal.cast::<PyDict>() {
+        if link.is_some() {
+            return Err(problem_error("link", "must be omitted: the goal names its links"));
+        }
+        return two_poses(poses, field).map(Goal::TwoPoses);
+    }
     let (values, shape) = convert::numbers(goal, field)?;
     match (shape.as_slice(), link) {
         ([4, 4], link) if link.is_some() || joints != 4 || convert::pose(goal, field).is_ok() => {

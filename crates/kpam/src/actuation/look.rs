@@ -43,6 +43,7 @@ impl Wide for Look<'_> {
         match self.batch.n {
             6 => self.of::<6>(),
             7 => self.of::<7>(),
+            ..=12 => self.of::<12>(),
             _ => self.of::<MAX_JOINTS>(),
         }
     }

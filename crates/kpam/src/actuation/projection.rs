@@ -23,6 +23,9 @@ pub(super) const INNER: f64 = 1e-3;
 /// Fractions of the tolerances of points and of angles from which the target of a projection is chosen.
 const POINT_AIM: f64 = 0.7;
 const ANGLE_AIM: f64 = 0.4;
+/// Number of dimensions of the Halton sequence from which aims are drawn, the last one first, because the first
+/// dimensions are used for start values.
+const AIMED: usize = 12;
 
 /// Point within the tolerances that a projection aims at; the default is their centre.
 #[derive(Debug, Clone, Default)]
@@ -36,10 +39,9 @@ pub(super) struct Aim {
 impl Aim {
     /// Returns element `number`, counted from 1, of a fixed sequence of aims that covers the tolerances.
     pub fn within(resolved: &Resolved, number: usize) -> Self {
-        let mut dimension = MAX_JOINTS;
+        let mut dimension = AIMED;
         let mut draw = || {
-            // The first dimensions of the Halton sequence are used for start values.
-            dimension = dimension.checked_sub(1).unwrap_or(MAX_JOINTS - 1);
+            dimension = dimension.checked_sub(1).unwrap_or(AIMED - 1);
             2.0 * halton(number, dimension) - 1.0
         };
         let points = resolved.points.iter().map(|p| {

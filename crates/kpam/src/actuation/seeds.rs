@@ -74,8 +74,8 @@ pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
 }
 
 fn inverted_digits(index: usize, dimension: usize) -> f64 {
-    const BASES: [usize; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
-    const FACTORS: [usize; MAX_JOINTS] = [1, 2, 3, 4, 7, 8, 11, 12, 14, 18, 19, 23];
+    const BASES: [usize; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
+    const FACTORS: [usize; MAX_JOINTS] = [1, 2, 3, 4, 7, 8, 11, 12, 14, 18, 19, 23, 25, 27, 29, 33];
     let (base, factor) = (BASES[dimension], FACTORS[dimension]);
     let (mut rest, mut unit, mut out) = (index, 1.0, 0.0);
     while rest > 0 {

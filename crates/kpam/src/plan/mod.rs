@@ -228,7 +228,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
         return Ok((refused(Lack::Cancelled, "it was cancelled".to_owned()), times));
     }
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let model = Model::of_hand(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let entry = entry(problem, request)?;
     let over = request.cancel.clone().unwrap_or_default().until(end_of(begun, request.deadline));
@@ -308,7 +308,7 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
 /// # Errors
 /// A problem from [`KeypointProblem::builder`] never causes an error.
 pub fn ik(problem: &KeypointProblem, max_solutions: usize) -> Result<Vec<IkSolution>, ProblemError> {
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let model = Model::of_hand(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let seeds = problem.options.num_seeds;

@@ -87,7 +87,7 @@ pub fn min_clearance(
         let least = (end - start) / MAX_CHECKS as f64;
         return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
     }
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let model = Model::of_hand(&problem.robot, &resting_joints(problem)?)?;
     let mut world = World::new(problem, &model);
     if let Some(q) = plan.q_plan.as_ref().filter(|q| q.len() == problem.q_start.len()) {
         world.act_at(&model.pick(q), replay.motions.letting_go());

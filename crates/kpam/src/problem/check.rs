@@ -36,7 +36,7 @@ impl KeypointProblem {
                 return fail(&format!("q_start[{i}]"), message);
             }
         }
-        let model = Model::new(&self.robot, &self.q_start)?;
+        let model = Model::of_hand(&self.robot, &self.q_start)?;
         self.check_mimics(&model)?;
         for (field, map) in [("tool_keypoints", &self.tool_keypoints), ("object_keypoints", &self.object_keypoints)] {
             for (name, p) in map {

@@ -8,6 +8,9 @@ use crate::model::{MAX_JOINTS, Row};
 const EQUALITY: f64 = 1e-12;
 /// Violations below this count as zero; rows are scaled to length 1.
 const MET: f64 = 1e-10;
+/// Maximum number of bounds that are added, and of passes in which one bound is added.
+const ADDITIONS: usize = 240;
+const PASSES: usize = 48;
 
 /// The solver with its matrix factors, which are reused between programs.
 pub struct ActiveSet {
@@ -145,7 +148,7 @@ impl ActiveSet {
         normal.iter_mut().for_each(|v| *v *= entry.sign);
         let end = if entry.sign > 0.0 { bound.low } else { -bound.high };
         // Each pass adds the bound, or drops one of at most n other bounds.
-        for _ in 0..4 * MAX_JOINTS {
+        for _ in 0..PASSES {
             let q = self.active.len();
             let mut d = [0.0; MAX_JOINTS];
             for c in 0..n {
@@ -226,7 +229,7 @@ impl QpSolver for ActiveSet {
                 }
             }
         }
-        for _ in 0..20 * MAX_JOINTS {
+        for _ in 0..ADDITIONS {
             let mut worst = -MET;
             let mut found = None;
             for (index, bound) in qp.bounds.iter().enumerate() {

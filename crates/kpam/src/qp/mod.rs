@@ -35,6 +35,8 @@ pub struct Qp<'a> {
 }
 
 /// Result of solving a quadratic program.
+// A step on the heap would cost more than moving it.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum QpOutcome {

@@ -92,7 +92,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     let (Some(trajectory), Some(q_plan)) = (plan.trajectory(), &plan.q_plan) else {
         return Err(ProblemError::new("plan", "has no motion"));
     };
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let model = Model::of_hand(&problem.robot, &resting_joints(problem)?)?;
     if q_plan.len() != problem.robot.joints().len() || trajectory.joints() != q_plan.len() {
         return Err(ProblemError::new("plan", "is one for another robot"));
     }

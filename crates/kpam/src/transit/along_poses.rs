@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gensim2_geometry::{Draws, Needs, Other, Pose};
+use gensim2_geometry::{Chain, Draws, Needs, Other, Pose};
 use nalgebra::Vector3;
 
 use super::field::Field;
@@ -38,11 +38,14 @@ pub struct PathTolerance {
     pub rotation: f64,
     /// Axis of the hand frame about which the hand may rotate freely; default: none.
     pub free_axis: Option<Vector3<f64>>,
+    /// Name of a second link that keeps its pose relative to the hand within the same tolerances, such as the other hand
+    /// of a robot that carries one object with both; default: none.
+    pub second_link: Option<String>,
 }
 
 impl Default for PathTolerance {
     fn default() -> Self {
-        Self { position: 1e-3, rotation: 0.01, free_axis: None }
+        Self { position: 1e-3, rotation: 0.01, free_axis: None, second_link: None }
     }
 }
 
@@ -55,6 +58,9 @@ impl PathTolerance {
         }
         if !(1e-3..=std::f64::consts::PI).contains(&self.rotation) {
             return fail("rotation_tolerance", format!("must lie in 0.001 to pi rad, not {}", self.rotation));
+        }
+        if self.second_link.is_some() && self.free_axis.is_some() {
+            return fail("free_axis", "must be omitted with a second link".to_owned());
         }
         let mut out = self.clone();
         if let Some(axis) = &mut out.free_axis {
@@ -73,7 +79,8 @@ impl PathTolerance {
 /// stops at a pose only if it could not keep the tolerance otherwise.
 ///
 /// The joints move continuously. If the arm is redundant, other motions of the redundant joints are tried if the hand
-/// cannot follow the lines, or an obstacle is in the way.
+/// cannot follow the lines, or an obstacle is in the way. Joints that move neither the hand nor the second link keep their
+/// values. Collisions of attached bodies with the hand of the second link are not checked, because it holds them, too.
 ///
 /// # Errors
 /// Start, poses, tolerance or options are invalid, or the options ask for a moving start; names the field.
@@ -96,7 +103,29 @@ pub fn plan_along(
     finite("q_start", q_start)?;
     let model = Model::new(scene.robot(), q_start)?;
     let transit = Transit::new(scene, &model, options, begun)?;
-    Ok(transit.along_poses(poses, &tolerance))
+    let second = match tolerance.second_link.as_deref() {
+        None => None,
+        Some(name) => {
+            let fail = |message: String| Err(ProblemError::new("second_link", message));
+            let robot = scene.robot();
+            let Some(link) = robot.link_index(name) else {
+                return fail(format!("{name:?} is not a link of {:?}", robot.name()));
+            };
+            let Some(chain) = robot.chain_to(link).filter(|chain| model.moves(chain) != model.moves(robot.chain()))
+            else {
+                return fail(format!("no planned joint moves {name:?} relative to the hand"));
+            };
+            Some(Second { chain, held: scene.compiled().held_by(robot, link) })
+        }
+    };
+    Ok(transit.along_poses(poses, &tolerance, second.as_ref()))
+}
+
+/// The second link of a motion along poses.
+struct Second {
+    chain: Chain,
+    /// Pairs of an attached body and a link that holds it together with the hand.
+    held: Vec<usize>,
 }
 
 /// A waypoint on the lines between the poses.
@@ -116,21 +145,25 @@ struct Stations {
 }
 
 impl Transit<'_> {
-    fn along_poses(self, poses: &[Pose], tolerance: &PathTolerance) -> Result<Motion, NoMotion> {
+    fn along_poses(
+        self,
+        poses: &[Pose],
+        tolerance: &PathTolerance,
+        second: Option<&Second>,
+    ) -> Result<Motion, NoMotion> {
         let start = self.state[0];
-
-        let at_start = self.close(&start);
+        let at_start = self.close_apart(&start, second);
         if let Some(hit) = at_start.iter().find(|c| c.2 < -CONTACT) {
             return Err(NoMotion::StartBlocked(self.approached(hit)));
         }
-        let mut follower = Follower::new(self.scene.robot(), self.model, self.over.clone());
+        let mut follower = self.follower(second);
         (follower.free_axis, follower.tolerance) =
             (tolerance.free_axis, [CURVE * tolerance.position, CURVE * tolerance.rotation]);
         let mut from = follower.hand(&start);
         let lines: Vec<HandPath> =
             poses.iter().map(|pose| HandPath::Line { from: std::mem::replace(&mut from, *pose), to: *pose }).collect();
-        let held = if tolerance.free_axis.is_some() { 5 } else { 6 };
-        let tries = if self.model.n() > held { TRIES } else { 1 };
+        let held = if tolerance.free_axis.is_some() { 5 } else { 6 } * if second.is_some() { 2 } else { 1 };
+        let tries = if follower.movers() > held { TRIES } else { 1 };
         let mut draws = Draws::of(SEED as u64, self.options.seed);
         let mut checks = 0;
         let mut furthest: Option<(usize, NoMotion)> = None;
@@ -141,7 +174,7 @@ impl Transit<'_> {
             follower.posture = (attempt > 0).then(|| self.posture(&mut draws));
             let found = self
                 .stations(&mut follower, &lines, &start)
-                .and_then(|stations| self.motion_through(&stations, &lines, tolerance, &at_start, &mut checks));
+                .and_then(|stations| self.motion_through(&stations, &lines, tolerance, second, &at_start, &mut checks));
             match found {
                 Ok(motion) => return Ok(motion),
                 Err((place, why)) => {
@@ -155,6 +188,24 @@ impl Transit<'_> {
             }
         }
         Err(self.ending.reason().or(furthest.map(|(_, why)| why)).unwrap_or(NoMotion::NotFound(None)))
+    }
+
+    /// Returns a follower of hand paths that takes the second link along.
+    fn follower(&self, second: Option<&Second>) -> Follower<'_> {
+        let follower = Follower::new(self.scene.robot(), self.model, self.over.clone());
+        match second {
+            None => follower,
+            Some(second) => follower.with_second(second.chain.clone(), &self.state[0]),
+        }
+    }
+
+    /// Returns all pairs closer than the margin at a configuration, except bodies that the second link holds.
+    fn close_apart(&self, x: &Row, second: Option<&Second>) -> Close {
+        let mut close = self.close(x);
+        if let Some(second) = second {
+            close.retain(|(_, other, _)| !matches!(other, Other::Pair(pair) if second.held.contains(pair)));
+        }
+        close
     }
 
     /// Returns random joint values, toward which the redundant joints move.
@@ -201,16 +252,18 @@ impl Transit<'_> {
         stations: &Stations,
         lines: &[HandPath],
         tolerance: &PathTolerance,
+        second: Option<&Second>,
         at_start: &Close,
         checks: &mut u64,
     ) -> Result<Motion, (usize, NoMotion)> {
         let rows: Vec<Row> = stations.all.iter().map(|station| station.x).collect();
         let last = rows.len() - 1;
         let margin = self.options.margin;
-        let at_end = self.close(&rows[last]);
+        let at_end = self.close_apart(&rows[last], second);
         let mut needs =
             self.scene.compiled().needs_beside(self.scene.robot(), at_start.iter().chain(&at_end), margin, margin);
         self.scene.compiled().leave_out_still(&mut needs, |joint| self.model.map().moves(joint));
+        second.iter().flat_map(|s| &s.held).for_each(|pair| needs.pairs[*pair] = f64::NEG_INFINITY);
         let mut field = Field::new(self.scene, self.model, needs.clone(), self.ending.clone());
         let blocked = at_end.iter().any(|c| c.2 < -CONTACT).then_some(last);
         let first_blocked =
@@ -218,13 +271,13 @@ impl Transit<'_> {
         let is_blocked = field.blocked_at(&rows).is_some();
         if let Some(k) = if is_blocked { first_blocked(&mut field) } else { None }.or(blocked) {
             *checks += field.checks;
-            return Err((k, self.blocked(stations.all[k].pose, &rows[k], &needs)));
+            return Err((k, self.blocked(stations.all[k].pose, &rows[k], &needs, second)));
         }
         let mut stops = vec![last];
         let mut sweep = self.sweep(&needs, &field);
         loop {
             let (trajectory, times) = self.timed_through(&rows, &stops).map_err(|()| (last, NoMotion::Untimed))?;
-            let stray = self.stray(&trajectory, &times, stations, lines, tolerance);
+            let stray = self.stray(&trajectory, &times, stations, lines, tolerance, second);
             let Some(stray) = stray else {
                 let outcome = self.proven(&mut field, &mut sweep, &trajectory);
                 *checks += field.checks;
@@ -274,23 +327,26 @@ impl Transit<'_> {
         stations: &Stations,
         lines: &[HandPath],
         tolerance: &PathTolerance,
+        second: Option<&Second>,
     ) -> Option<usize> {
-        let mut follower = Follower::new(self.scene.robot(), self.model, self.over.clone());
+        let mut follower = self.follower(second);
         (0..times.len() - 1).find(|&k| {
             let (from, to) = (stations.all[k], stations.all[k + 1]);
             // The first waypoint of a line is the last one of the line before.
             let begin = if from.pose == to.pose { from.share } else { 0.0 };
             (0..=SAMPLES).any(|s| {
                 let t = times[k] + (times[k + 1] - times[k]) * s as f64 / SAMPLES as f64;
-                let hand = follower.hand(&trajectory.moving(t));
-                let [way, turn] = deviation(&lines[to.pose], [begin, to.share], &hand, tolerance);
-                !(way <= tolerance.position && turn <= tolerance.rotation)
+                let x = trajectory.moving(t);
+                let kept = |[way, turn]: [f64; 2]| way <= tolerance.position && turn <= tolerance.rotation;
+                let hand = follower.hand(&x);
+                !(kept(deviation(&lines[to.pose], [begin, to.share], &hand, tolerance))
+                    && kept(follower.second_off(&x)))
             })
         })
     }
 
-    fn blocked(&self, pose: usize, x: &Row, needs: &Needs) -> NoMotion {
-        let close = self.close(x);
+    fn blocked(&self, pose: usize, x: &Row, needs: &Needs, second: Option<&Second>) -> NoMotion {
+        let close = self.close_apart(x, second);
         let spare = |c: &(usize, Other, f64)| c.2 - self.scene.compiled().screen.needed(needs, c.0, c.1);
         match close.iter().min_by(|a, b| spare(a).total_cmp(&spare(b))) {
             Some(near) => NoMotion::PathBlocked { pose, pair: self.approached(near) },

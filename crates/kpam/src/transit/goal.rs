@@ -22,6 +22,8 @@ pub enum Goal {
         /// Name of the link; the hand if `None`.
         link: Option<String>,
     },
+    /// The motion ends with two links at poses in the base frame, each given with its name.
+    TwoPoses([(String, Pose); 2]),
 }
 
 /// Maximum number of poses.
@@ -42,6 +44,10 @@ impl Goal {
         options: &TransitOptions,
         over: &Cancel,
     ) -> Result<Vec<(usize, Row)>, ProblemError> {
+        // The motion may also end where the current motion ends.
+        let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
+        let first: Vec<Row> =
+            last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
         match self {
             Self::Joints(list) => {
                 if list.is_empty() {
@@ -64,10 +70,6 @@ impl Goal {
                     return Err(ProblemError::new("goal", message));
                 }
                 poses.iter().enumerate().try_for_each(|(k, pose)| rigid(&format!("goal[{k}]"), pose))?;
-                // The motion may also end where the current motion ends.
-                let last = options.warm_start.as_ref().filter(|motion| motion.joints() == q_start.len());
-                let first: Vec<Row> =
-                    last.map(|motion| model.pick(&motion.sample(motion.end()).position)).into_iter().collect();
                 let [least, most] = GOALS_PER_POSE;
                 let mut out = Vec::new();
                 for (k, pose) in poses.iter().enumerate() {
@@ -77,6 +79,12 @@ impl Goal {
                     out.extend(ask.rows(scene, model)?.into_iter().map(|x| (k, x)));
                 }
                 Ok(out)
+            }
+            Self::TwoPoses([(link, pose), (other, place)]) => {
+                let mut ask = Ask::new(pose, Some(link), over);
+                ask.other = Some((other, place));
+                (ask.max_solutions, ask.seed, ask.first) = (GOALS_PER_POSE[1], options.seed, &first);
+                Ok(ask.rows(scene, model)?.into_iter().map(|x| (0, x)).collect())
             }
         }
     }
@@ -97,7 +105,7 @@ pub(crate) fn check_others(
     let Some(j) = (0..q.len()).find(|j| (reached[*j] - q[*j]).abs() > SLACK && !kept(*j)) else { return Ok(()) };
     let why = match joints[j].mimic() {
         Some(mimic) => format!("follows {}", joints[mimic.source].name()),
-        None => "does not move the hand and keeps its value in q_start".to_owned(),
+        None => "is not planned and keeps its value in q_start".to_owned(),
     };
     let message = format!("{} cannot be reached: joint {} {why}; use {}", q[j], joints[j].name(), reached[j]);
     Err(ProblemError::new(format!("{field}[{j}]"), message))

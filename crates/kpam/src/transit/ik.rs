@@ -1,7 +1,7 @@
 //! Inverse kinematics: joint vectors that bring a link to a pose, and the best of them by a secondary objective.
 
 use gensim2_geometry::{Chain, ChainFrames, Draws, Pose, rotation_log};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 
 use super::field::{Ending, Field};
 use super::question::check_seed;
@@ -35,6 +35,8 @@ const STIFFEST: f64 = 1e8;
 pub struct IkOptions {
     /// Link that must reach the pose; the hand if `None`.
     pub link: Option<String>,
+    /// A second link that must reach a pose in the base frame at the same time.
+    pub other: Option<(String, Pose)>,
     /// Maximum number of solutions, 1 to [`MAX_SOLUTIONS`].
     pub max_solutions: usize,
     /// Two solutions differ by at least this (rad or m) in at least one joint.
@@ -59,6 +61,7 @@ impl Default for IkOptions {
     fn default() -> Self {
         Self {
             link: None,
+            other: None,
             max_solutions: 16,
             min_distance: 0.05,
             seed: 0,
@@ -72,7 +75,8 @@ impl Default for IkOptions {
 }
 
 /// Returns distinct joint vectors (one entry for each joint) that bring a link, by default the hand, to a pose in the
-/// base frame. Joints that do not move the hand keep their values. The vectors that are closest to `q_start` come first.
+/// base frame. Joints that are not planned, and joints of another arm, keep their values. The vectors that are closest to
+/// `q_start` come first.
 ///
 /// With a posture or a weight of the manipulability, every solution of a redundant arm is moved along the motions that
 /// keep the pose to a local minimum of
@@ -99,6 +103,7 @@ pub fn solutions(
     let objective = options.check(&model)?;
     let over = options.cancel.clone().unwrap_or_default();
     let mut ask = Ask::new(pose, options.link.as_deref(), &over);
+    ask.other = options.other.as_ref().map(|(link, pose)| (link.as_str(), pose));
     (ask.max_solutions, ask.min_distance, ask.seed) = (options.max_solutions, options.min_distance, options.seed);
     (ask.objective, ask.margin) = (objective, options.margin);
     let found = ask.rows(scene, &model)?;
@@ -166,10 +171,12 @@ struct Objective {
     manipulability: f64,
 }
 
-/// Inverse kinematics problem of one link.
+/// Inverse kinematics problem of one link, or of two links at the same time.
 pub(super) struct Ask<'a> {
     pose: &'a Pose,
     link: Option<&'a str>,
+    /// A second link and its pose.
+    pub other: Option<(&'a str, &'a Pose)>,
     pub max_solutions: usize,
     min_distance: f64,
     pub seed: usize,
@@ -183,13 +190,38 @@ pub(super) struct Ask<'a> {
 impl<'a> Ask<'a> {
     pub fn new(pose: &'a Pose, link: Option<&'a str>, over: &'a Cancel) -> Self {
         let IkOptions { max_solutions, min_distance, seed, .. } = IkOptions::default();
-        Self { pose, link, max_solutions, min_distance, seed, first: &[], objective: None, margin: None, over }
+        let (other, first, objective, margin) = (None, &[][..], None, None);
+        Self { pose, link, other, max_solutions, min_distance, seed, first, objective, margin, over }
     }
 
     pub fn rows(&self, scene: &Scene, model: &Model) -> Result<Vec<Row>, ProblemError> {
         rigid("pose", self.pose)?;
-        let chain = chain_to(scene, self.link)?;
-        let mut search = Search::new(&chain, model, *self.pose);
+        let one = Target { chain: chain_to(scene, self.link)?, goal: *self.pose };
+        let Some((link, pose)) = self.other else { return Ok(self.search::<6>(scene, model, &[one])) };
+        rigid("pose", pose)?;
+        let two = Target { chain: chain_to(scene, Some(link))?, goal: *pose };
+        if two.chain == one.chain {
+            return Err(ProblemError::new("link", format!("{link:?} has two poses; give each link one")));
+        }
+        Ok(self.search::<12>(scene, model, &[one, two]))
+    }
+
+    /// Returns for each variable whether the search changes it: those that move a target's link. If all of them move the
+    /// hand, too, the search changes all variables that move the hand.
+    fn searched(scene: &Scene, model: &Model, targets: &[Target]) -> [bool; MAX_JOINTS] {
+        let mut out = [false; MAX_JOINTS];
+        for target in targets {
+            let moves = model.moves(&target.chain);
+            (0..model.n()).for_each(|v| out[v] |= moves[v]);
+        }
+        let hand = model.moves(scene.robot().chain());
+        if (0..model.n()).all(|v| hand[v] || !out[v]) { hand } else { out }
+    }
+
+    /// Returns solutions, best first. `D` is 6 for each target.
+    fn search<const D: usize>(&self, scene: &Scene, model: &Model, targets: &[Target]) -> Vec<Row> {
+        let searched = Self::searched(scene, model, targets);
+        let mut search = Search::<D>::new(targets, model, searched);
         let mut field = self.margin.map(|margin| {
             let mut needs = scene.compiled().needs_at_least(scene.robot(), margin);
             scene.compiled().leave_out_still(&mut needs, |joint| model.map().moves(joint));
@@ -200,7 +232,7 @@ impl<'a> Ask<'a> {
         let drawn = (0..SEEDS * self.max_solutions.max(LEAST)).map(|k| {
             let mut x = start;
             if k > 0 {
-                for (v, value) in x.iter_mut().enumerate().take(model.n()) {
+                for (v, value) in x.iter_mut().enumerate().take(model.n()).filter(|(v, _)| searched[*v]) {
                     let (low, high) = model.range(v);
                     *value = low + (high - low) * draws.unit();
                 }
@@ -240,7 +272,7 @@ impl<'a> Ask<'a> {
                 out.push(x);
             }
         }
-        Ok(out)
+        out
     }
 
     fn are_distinct(&self, model: &Model, one: &Row, other: &Row) -> bool {
@@ -259,31 +291,63 @@ pub(super) fn chain_to(scene: &Scene, link: Option<&str>) -> Result<Chain, Probl
     robot.chain_to(index).ok_or_else(|| unknown("?"))
 }
 
-/// Searches joint values that bring the tip of a chain to a pose.
-pub(super) struct Search<'a> {
-    chain: &'a Chain,
-    model: &'a Model,
-    pub goal: Pose,
-    q: Vec<f64>,
-    frames: ChainFrames,
+/// A pose that the tip of a chain must reach.
+#[derive(Debug, Clone)]
+struct Target {
+    chain: Chain,
+    goal: Pose,
 }
 
-impl<'a> Search<'a> {
-    pub fn new(chain: &'a Chain, model: &'a Model, goal: Pose) -> Self {
-        Self { chain, model, goal, q: Vec::new(), frames: ChainFrames::default() }
+/// Searches joint values that bring the tip of each target's chain to its pose. `D` is 6 for each target.
+struct Search<'a, const D: usize> {
+    targets: &'a [Target],
+    model: &'a Model,
+    /// For each variable, whether the search changes it.
+    searched: [bool; MAX_JOINTS],
+    q: Vec<f64>,
+    frames: Vec<ChainFrames>,
+}
+
+impl<'a, const D: usize> Search<'a, D> {
+    fn new(targets: &'a [Target], model: &'a Model, searched: [bool; MAX_JOINTS]) -> Self {
+        Self { targets, model, searched, q: Vec::new(), frames: vec![ChainFrames::default(); targets.len()] }
     }
 
-    /// Returns the error of the link's pose at `x`: translation (m) and rotation (rad) in the base frame.
-    fn left(&mut self, x: &Row) -> Vector6<f64> {
-        self.model.forward_along(self.chain, x, &mut self.q, &mut self.frames);
-        let tip = &self.frames.tip;
-        let shift = self.goal.translation.vector - tip.translation.vector;
-        let turn = rotation_log(&(self.goal.rotation * tip.rotation.inverse()));
-        Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+    fn place(&mut self, x: &Row) {
+        for (target, frames) in self.targets.iter().zip(&mut self.frames) {
+            self.model.forward_along(&target.chain, x, &mut self.q, frames);
+        }
+    }
+
+    /// Returns the error of the links' poses at `x`: for each target, translation (m) and rotation (rad) in the base
+    /// frame.
+    fn left(&mut self, x: &Row) -> SVector<f64, D> {
+        self.place(x);
+        let mut out = SVector::<f64, D>::zeros();
+        for (k, (target, frames)) in self.targets.iter().zip(&self.frames).enumerate() {
+            let tip = &frames.tip;
+            let shift = target.goal.translation.vector - tip.translation.vector;
+            let turn = rotation_log(&(target.goal.rotation * tip.rotation.inverse()));
+            out.fixed_rows_mut::<3>(6 * k).copy_from(&shift);
+            out.fixed_rows_mut::<3>(6 * k + 3).copy_from(&turn);
+        }
+        out
+    }
+
+    /// Returns the Jacobian of all targets' links by columns, at the configuration that was placed last.
+    fn columns(&self) -> [SVector<f64, D>; MAX_JOINTS] {
+        let mut out = [SVector::<f64, D>::zeros(); MAX_JOINTS];
+        for (k, (target, frames)) in self.targets.iter().zip(&self.frames).enumerate() {
+            let twists = self.model.twists(&target.chain, frames);
+            for (column, twist) in out.iter_mut().zip(&twists).take(self.model.n()) {
+                column.fixed_rows_mut::<6>(6 * k).copy_from(twist);
+            }
+        }
+        out
     }
 
     /// Runs Levenberg-Marquardt from a start value, within the joint limits; `None` if it does not reach the goal pose.
-    pub fn from(&mut self, x: &Row) -> Option<Row> {
+    fn from(&mut self, x: &Row) -> Option<Row> {
         let n = self.model.n();
         let (mut x, mut damping) = (*x, 1e-2);
         for v in 0..n {
@@ -294,10 +358,10 @@ impl<'a> Search<'a> {
             if left.amax() < MET {
                 return Some(x);
             }
-            let columns = self.model.twists(self.chain, &self.frames);
+            let columns = self.columns();
             // A joint that is at a limit, and that the step would move beyond the limit, stays fixed.
-            let mut normal = Matrix6::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
-            let pull = |v: usize, force: &Vector6<f64>| columns[v].dot(force);
+            let mut normal = SMatrix::<f64, D, D>::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
+            let pull = |v: usize, force: &SVector<f64, D>| columns[v].dot(force);
             let free: Vec<bool> = (0..n)
                 .map(|v| {
                     let way = pull(v, &left);
@@ -365,13 +429,13 @@ impl<'a> Search<'a> {
     /// `stiffness` weights the squared step in addition.
     fn step(&mut self, objective: &Objective, x: &Row, gradient: &Row, stiffness: f64) -> Option<Row> {
         let n = self.model.n();
-        self.model.forward_along(self.chain, x, &mut self.q, &mut self.frames);
-        let columns = self.model.twists(self.chain, &self.frames);
+        self.place(x);
+        let columns = self.columns();
         let scale = objective.manipulability.max(1.0);
         let weight = |v: usize| objective.posture.as_ref().map_or(0.0, |(_, w)| 2.0 * w[v]) + stiffness * scale;
-        let mut free = [true; MAX_JOINTS];
+        let mut free = self.searched;
         loop {
-            let (mut normal, mut pushed) = (Matrix6::identity() * 1e-12, Vector6::zeros());
+            let (mut normal, mut pushed) = (SMatrix::<f64, D, D>::identity() * 1e-12, SVector::<f64, D>::zeros());
             for v in (0..n).filter(|v| free[*v]) {
                 normal += columns[v] * columns[v].transpose() / weight(v);
                 pushed += columns[v] * (gradient[v] / weight(v));
@@ -412,64 +476,73 @@ impl<'a> Search<'a> {
         (cost, gradient)
     }
 
-    /// Returns the product of the singular values of the Jacobian at `x`, and its gradient; both are zero at a
-    /// singularity.
+    /// Returns the sum of the manipulabilities of the targets' links at `x`, and its gradient.
     fn manipulability(&mut self, x: &Row) -> (f64, Row) {
-        self.model.forward_along(self.chain, x, &mut self.q, &mut self.frames);
-        let columns = self.model.twists(self.chain, &self.frames);
-        let active: Vec<usize> = (0..self.model.n()).filter(|v| columns[*v] != Vector6::zeros()).collect();
-        let few = active.len() < 6;
-        let mut normal = if few { Matrix6::identity() } else { Matrix6::zeros() };
-        if few {
-            for (i, v) in active.iter().enumerate() {
-                for (k, w) in active.iter().enumerate() {
-                    normal[(i, k)] = columns[*v].dot(&columns[*w]);
-                }
-            }
-        } else {
-            active.iter().for_each(|v| normal += columns[*v] * columns[*v].transpose());
+        self.place(x);
+        let (mut sum, mut gradient) = (0.0, [0.0; MAX_JOINTS]);
+        for (target, frames) in self.targets.iter().zip(&self.frames) {
+            let (value, slope) = manipulability(self.model, &target.chain, frames);
+            sum += value;
+            (0..self.model.n()).for_each(|v| gradient[v] += slope[v]);
         }
-        let mut slope = [0.0; MAX_JOINTS];
-        let Some(solved) = normal.cholesky() else { return (0.0, slope) };
-        let value: f64 = solved.l_dirty().diagonal().product();
-        // The gradient of the logarithm is the sum, over all columns, of the transposed pseudo-inverse times the
-        // derivative of the column.
-        let mut inverse = [Vector6::zeros(); MAX_JOINTS];
-        for (i, v) in active.iter().enumerate() {
-            inverse[*v] = if few {
-                let row = solved.solve(&Vector6::ith(i, 1.0));
-                active.iter().enumerate().fold(Vector6::zeros(), |sum, (k, w)| sum + columns[*w] * row[k])
-            } else {
-                solved.solve(&columns[*v])
-            };
-        }
-        let driven = |joint: usize| self.model.map().driven().iter().find(|d| d.joint == joint);
-        let tip = self.frames.tip.translation.vector;
-        let joints: Vec<(usize, Vector3<f64>, Vector3<f64>)> = self
-            .chain
-            .joint_indices()
-            .enumerate()
-            .filter_map(|(i, joint)| {
-                let driven = driven(joint)?;
-                let (linear, angular) =
-                    (self.chain.linear(&self.frames, i, &tip)?, self.chain.angular(&self.frames, i)?);
-                Some((driven.variable, linear * driven.factor, angular * driven.factor))
-            })
-            .collect();
-        for (i, (moved, linear, angular)) in joints.iter().enumerate() {
-            for (k, (mover, shift, turn)) in joints.iter().enumerate() {
-                // A joint turns the axes of the joints after it, and moves the tip relative to the joints before it.
-                let (one, two) = if k <= i {
-                    (turn.cross(linear), turn.cross(angular))
-                } else {
-                    (angular.cross(shift), Vector3::zeros())
-                };
-                let row = &inverse[*moved];
-                slope[*mover] += value * (row.fixed_rows::<3>(0).dot(&one) + row.fixed_rows::<3>(3).dot(&two));
-            }
-        }
-        (value, slope)
+        (sum, gradient)
     }
+}
+
+/// Returns the product of the singular values of the Jacobian of a chain's link, and its gradient; both are zero at a
+/// singularity.
+fn manipulability(model: &Model, chain: &Chain, frames: &ChainFrames) -> (f64, Row) {
+    let columns = model.twists(chain, frames);
+    let active: Vec<usize> = (0..model.n()).filter(|v| columns[*v] != Vector6::zeros()).collect();
+    let few = active.len() < 6;
+    let mut normal = if few { Matrix6::identity() } else { Matrix6::zeros() };
+    if few {
+        for (i, v) in active.iter().enumerate() {
+            for (k, w) in active.iter().enumerate() {
+                normal[(i, k)] = columns[*v].dot(&columns[*w]);
+            }
+        }
+    } else {
+        active.iter().for_each(|v| normal += columns[*v] * columns[*v].transpose());
+    }
+    let mut slope = [0.0; MAX_JOINTS];
+    let Some(solved) = normal.cholesky() else { return (0.0, slope) };
+    let value: f64 = solved.l_dirty().diagonal().product();
+    // The gradient of the logarithm is the sum, over all columns, of the transposed pseudo-inverse times the
+    // derivative of the column.
+    let mut inverse = [Vector6::zeros(); MAX_JOINTS];
+    for (i, v) in active.iter().enumerate() {
+        inverse[*v] = if few {
+            let row = solved.solve(&Vector6::ith(i, 1.0));
+            active.iter().enumerate().fold(Vector6::zeros(), |sum, (k, w)| sum + columns[*w] * row[k])
+        } else {
+            solved.solve(&columns[*v])
+        };
+    }
+    let driven = |joint: usize| model.map().driven().iter().find(|d| d.joint == joint);
+    let tip = frames.tip.translation.vector;
+    let joints: Vec<(usize, Vector3<f64>, Vector3<f64>)> = chain
+        .joint_indices()
+        .enumerate()
+        .filter_map(|(i, joint)| {
+            let driven = driven(joint)?;
+            let (linear, angular) = (chain.linear(frames, i, &tip)?, chain.angular(frames, i)?);
+            Some((driven.variable, linear * driven.factor, angular * driven.factor))
+        })
+        .collect();
+    for (i, (moved, linear, angular)) in joints.iter().enumerate() {
+        for (k, (mover, shift, turn)) in joints.iter().enumerate() {
+            // A joint turns the axes of the joints after it, and moves the tip relative to the joints before it.
+            let (one, two) = if k <= i {
+                (turn.cross(linear), turn.cross(angular))
+            } else {
+                (angular.cross(shift), Vector3::zeros())
+            };
+            let row = &inverse[*moved];
+            slope[*mover] += value * (row.fixed_rows::<3>(0).dot(&one) + row.fixed_rows::<3>(3).dot(&two));
+        }
+    }
+    (value, slope)
 }
 
 #[cfg(test)]
@@ -515,7 +588,8 @@ mod tests {
         // Chains of seven, five and two variables.
         for link in ["l8", "l6", "l2"] {
             let chain = robot.chain_to(robot.link_index(link).unwrap()).unwrap();
-            let mut search = Search::new(&chain, &model, Pose::identity());
+            let targets = [Target { chain, goal: Pose::identity() }];
+            let mut search = Search::<6>::new(&targets, &model, [true; MAX_JOINTS]);
             let objective = Objective {
                 posture: Some(([0.2; MAX_JOINTS], std::array::from_fn(|v| 0.1 * v as f64))),
                 manipulability: 30.0,
@@ -550,7 +624,8 @@ mod tests {
             .build("hand")
             .unwrap();
         let model = Model::new(&robot, &[0.0; 2]).unwrap();
-        let mut search = Search::new(robot.chain(), &model, Pose::identity());
+        let targets = [Target { chain: robot.chain().clone(), goal: Pose::identity() }];
+        let mut search = Search::<6>::new(&targets, &model, [true; MAX_JOINTS]);
         for elbow in [0.3_f64, 1.2, -2.0] {
             let mut x = [0.0; MAX_JOINTS];
             (x[0], x[1]) = (0.4, elbow);

@@ -54,7 +54,7 @@ const PLAIN: usize = 250;
 const FINEST: f64 = 8.0;
 
 /// Plans a motion from `q_start` (one entry per joint) that ends at rest at whichever goal is easiest to reach. Joints
-/// that do not move the hand keep their values, and goals must contain the same values. The motion begins at rest, or
+/// that are not planned keep their values, and goals must contain the same values. The motion begins at rest, or
 /// with the velocity and acceleration in the options.
 ///
 /// From a moving start, the candidates are the fastest motion to each goal, regardless of obstacles, and the rest of

@@ -3,7 +3,7 @@
 use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen, Suspect};
 
 use super::movers::is_below;
-use super::rules::{CollisionObjects, Group};
+use super::rules::{CollisionObjects, Group, holders};
 use super::{Scene, TOUCH};
 use crate::Role;
 
@@ -149,6 +149,14 @@ impl Compiled {
         let alone = |one: usize, two: usize| of(one).filter(move |(joint, _)| !carries(two, *joint));
         let pairs = self.screen.pairs().iter().map(|&(one, two)| alone(one, two).chain(alone(two, one)).collect());
         (0..self.screen.groups()).map(|group| of(group).collect()).chain(pairs).collect()
+    }
+
+    /// Returns the pairs of an attached body and a link that holds it together with the hand: a link of the hand with
+    /// link `second`.
+    pub fn held_by(&self, robot: &Robot, second: usize) -> Vec<usize> {
+        let (links, holds) = (robot.links().len(), holders(robot, second));
+        let held = |(a, b): (usize, usize)| a < links && holds[a] && b >= links;
+        (0..self.screen.pairs().len()).filter(|pair| held(self.screen.pairs()[*pair])).collect()
     }
 
     /// Excludes pairs whose relative position does not change, because no moving joint lies between them.

@@ -109,7 +109,7 @@ impl<'p> CollisionObjects<'p> {
                 }
             }
         }
-        Self { robot, bodies, groups, hand: Hand::of(robot), pairs }
+        Self { robot, bodies, groups, hand: Hand::of(robot, robot.hand()), pairs }
     }
 
     /// Whether a group is a link of the hand or a finger, which may touch targets.
@@ -139,10 +139,16 @@ struct Hand {
     touches: Vec<bool>,
 }
 
+/// Returns for each link whether it holds the bodies that are attached to the hand with link `hand`.
+pub(crate) fn holders(robot: &Robot, hand: usize) -> Vec<bool> {
+    Hand::of(robot, hand).holds
+}
+
 impl Hand {
-    fn of(robot: &Robot) -> Self {
+    /// Collects the links of the hand with link `hand`.
+    fn of(robot: &Robot, hand: usize) -> Self {
         let links = robot.links();
-        let mut top = robot.hand();
+        let mut top = hand;
         while links[top].shapes().is_empty()
             && links[top].joint().is_none()
             && let Some(parent) = links[top].parent()
@@ -151,9 +157,9 @@ impl Hand {
         }
         // If no shape is rigidly joined to the hand, the hand consists of the hand link only.
         if links[top].shapes().is_empty() {
-            top = robot.hand();
+            top = hand;
         }
-        let tool = if links[top].joint().is_none() { top } else { robot.hand() };
+        let tool = if links[top].joint().is_none() { top } else { hand };
         let below = |top: usize| (0..links.len()).map(|l| is_below(robot, l, top)).collect();
         Self { holds: below(top), touches: below(tool) }
     }
