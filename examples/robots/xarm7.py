@@ -51,10 +51,10 @@ def xarm7() -> RobotProfile:
             mimics=dict.fromkeys(RACKS, Mimic("pinion_joint", 0.02)),
             passive=HINGES,
         ),
-        reset_qpos=(0.0, -0.197, 0.0, 0.891, 0.0, 1.157, 0.0, 2.0, 0.04, 0.04, 0.0, 0.0),
-        base_position=(-0.615, 0.0, 0.0),
+        reset_qpos=(0.0, -0.465, 0.0, 0.658, 0.0, 1.191, 0.0, 2.0, 0.04, 0.04, 0.0, 0.0),
+        base_position=(-0.54, 0.0, 0.0),
         tool_keypoints=finger_keypoints(tip=0.125, side=0.053),
-        reach=0.65,
+        reach=0.7,
         footprint=Footprint(base_half=0.1, hand_half=0.12, hand_drop=0.02),
         simulation=Simulation(
             agent="xarm7_rack",

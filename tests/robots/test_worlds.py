@@ -14,11 +14,15 @@ from sapien import physx
 import gensim2.sim
 from gensim2.core.errors import InputError
 from gensim2.robots import robot
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.worker import episode
+from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.table import HALF_SIZE
 from gensim2.sim.arm import Arm
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.physics import DEFAULT
+from gensim2.tasks.library import load_strategies, load_task
 
 
 def test_the_headless_environment_is_the_environment(any_robot: str) -> None:
@@ -131,3 +135,11 @@ def test_in_mujoco_it_stands_where_it_is_and_its_fingers_go_all_the_way(any_robo
         for _ in range(profile.gripper_steps):
             env.step(np.append(profile.rest_action[:-1], command))
         assert env.measure().finger_opening == pytest.approx(opening, abs=4e-3)
+
+
+def test_in_mujoco_it_closes_a_box(any_robot: str) -> None:
+    """Planned with the library's strategies and executed, closed loop."""
+    pytest.importorskip("mujoco")
+    scene = SceneOptions("builtin", robot=any_robot, engine="mujoco").with_task(load_task("CloseBox"), "new")
+    found = episode(EpisodeConfig(scene), load_strategies("CloseBox"), seed=3)
+    assert found.held, found.cause
