@@ -1,6 +1,7 @@
 """Servo arms at 1 kHz toward targets that move among obstacles, and check every state.
 
     python benchmarks/servo.py [--arms panda ur xarm7 scara gantry mobile] [--minutes 10] [--seed 0] [--json OUT]
+                               [--record FOLDER]
 
 Every few seconds the target changes its kind: a pose on a smooth path with its velocity, a pose inside an obstacle, a
 pose out of reach, a pose at a random place, joint values beyond the limits, a velocity, or none (rest). The obstacles
@@ -12,6 +13,9 @@ are checked every 50 ms by coal with kinematics of its own (mechanism.py), which
 Prints for each arm the CPU time of a step (median, 99 %, greatest), how often each status occurred, the largest used
 fraction of each limit, and the smallest distance from an obstacle and between links. Ends with 1 if a limit is
 exceeded, if bodies come closer than the margin, or if the median step takes more than 50 us.
+
+``--record FOLDER`` writes ``ARM.jsonl`` with the scene and all targets. The Rust example ``servo_steps`` replays it,
+for example under callgrind to count instructions.
 """
 
 from __future__ import annotations
@@ -87,8 +91,8 @@ class World:
     """An arm among obstacles, for the solver and for the checker."""
 
     def __init__(self, arm: str, robots: Path, folder: Path, seed: int) -> None:
-        description, self.mechanism = six_arm(arm, robots)
-        self.robot = robot_of(description, folder)
+        self.description, self.mechanism = six_arm(arm, robots)
+        self.robot = robot_of(self.description, folder)
         self.draw = rng(seed, f"servo {arm}")
         self.start = self._resting()
         hand = self.mechanism.hand_poses(self.start)[0]
@@ -214,13 +218,13 @@ def check_limits(row: Row, world: World, moved: list[int], path: Array, most: tu
     """Compare finite differences of positions (M, n) with the limits of the moving joints."""
     mechanism = world.mechanism
     q = path[:, moved]
-    lower, upper = mechanism.lower[moved], mechanism.upper[moved]
+    bounded = np.isfinite(mechanism.upper[moved] - mechanism.lower[moved])
+    lower, upper = mechanism.lower[moved][bounded], mechanism.upper[moved][bounded]
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    bounded = np.isfinite(half)
     if bounded.any():
-        used = np.abs(q[:, bounded] - middle[bounded]) / half[bounded]
+        used = np.abs(q[:, bounded] - middle) / half
         row.used[0] = max(row.used[0], float(used.max()))
-        row.exceeded += int((np.abs(q[:, bounded] - middle[bounded]) > half[bounded] + 1e-6).sum())
+        row.exceeded += int((np.abs(q[:, bounded] - middle) > half + 1e-6).sum())
     limits = [mechanism.velocity[moved], *(np.full(len(moved), value) for value in most)]
     for order, limit in enumerate(limits, start=1):
         rates = np.abs(np.diff(q, order, axis=0)) / DT**order
@@ -244,8 +248,46 @@ def check_collisions(row: Row, world: World, path: Array) -> None:
         row.self_mm = min(row.self_mm, np.inf if found is None else 1e3 * found[0])
 
 
-def run(arm: str, minutes: float, seed: int, robots: Path, folder: Path) -> Row:
-    """Servo one arm."""
+class Recording:
+    """A file with a scene, the servo's options and all targets, for ``crates/kpam/examples/servo_steps.rs``."""
+
+    def __init__(self, path: Path, world: World, options: dict[str, Any]) -> None:
+        description = world.description
+        file = description.file or Path("arm.urdf")
+        header = {
+            "urdf": description.urdf,
+            "file": str(file),
+            "srdf": None if description.srdf is None else description.srdf.read_text(),
+            "hand": description.hand,
+            "bodies": [
+                {
+                    "name": name,
+                    "kind": solid.kind,
+                    "size": [float(value) for value in solid.size],
+                    "points": None if solid.points is None else solid.points.tolist(),
+                    "pose": pose.tolist(),
+                }
+                for name, solid, pose in world.obstacles
+            ],
+            "start": world.start.tolist(),
+            "margin": MARGIN,
+            "dt": DT,
+            "options": options,
+        }
+        self._file = path.open("w")
+        self._file.write(json.dumps(header) + "\n")
+
+    def add(self, arguments: dict[str, Any]) -> None:
+        """Write the target of one step."""
+        self._file.write(json.dumps({name: np.asarray(value).tolist() for name, value in arguments.items()}) + "\n")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def run(arm: str, minutes: float, seed: int, robots: Path, folder: Path, record: Path | None = None) -> Row:
+    """Servo one arm; write its scene and targets to ``record``."""
     world = World(arm, robots, folder, seed)
     row, targets = Row(arm), Targets(world)
     joints = len(world.start)
@@ -255,6 +297,7 @@ def run(arm: str, minutes: float, seed: int, robots: Path, folder: Path) -> Row:
     servo = kpam.Servo(world.scene, world.start, margin=MARGIN, dt=DT, **options)
     total, block = round(60.0 * minutes / DT), 10_000
     times = np.zeros(total)
+    recording = None if record is None else Recording(record, world, options)
     q, last = world.start, np.tile(world.start, (3, 1))
     status: Counter[str] = Counter()
     errors: list[float] = []
@@ -263,6 +306,8 @@ def run(arm: str, minutes: float, seed: int, robots: Path, folder: Path) -> Row:
         path = np.zeros((count, joints))
         for step in range(count):
             arguments = targets.next(q)
+            if recording is not None:
+                recording.add(arguments)
             clock = time.thread_time_ns()
             done = servo.step(**arguments)
             times[begin + step] = 1e-3 * (time.thread_time_ns() - clock)
@@ -276,6 +321,8 @@ def run(arm: str, minutes: float, seed: int, robots: Path, folder: Path) -> Row:
         check_limits(row, world, moved, path, most)
         check_collisions(row, world, path[3::STRIDE])
         last = path[-3:]
+    if recording is not None:
+        recording.close()
     row.steps, row.status = total, dict(status)
     row.median_us, row.p99_us, row.max_us = (float(f) for f in np.percentile(times, [50, 99, 100]))
     row.tracking_mm = 1e3 * float(np.median(errors)) if errors else 0.0
@@ -289,11 +336,15 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--record", type=Path, metavar="FOLDER")
     arguments = parser.parse_args()
+    if arguments.record is not None:
+        arguments.record.mkdir(parents=True, exist_ok=True)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for arm in arguments.arms:
-            rows.append(run(arm, arguments.minutes, arguments.seed, wheel_robots(), Path(folder)))
+            record = None if arguments.record is None else arguments.record / f"{arm}.jsonl"
+            rows.append(run(arm, arguments.minutes, arguments.seed, wheel_robots(), Path(folder), record))
             print(rows[-1].text(), flush=True)
             if arguments.json is not None:
                 arguments.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")

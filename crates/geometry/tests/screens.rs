@@ -113,7 +113,7 @@ proptest! {
         let whole = listed(&mut batch);
         for alone in whole.iter().copied().take(3) {
             screen.place(&mut batch);
-            screen.look_at(&mut batch, &needs, alone, |_| true);
+            screen.look_at(&mut batch, &needs, alone, 0.0, |_| true);
             let rest: Vec<_> = whole.iter().copied().filter(|pair| *pair != alone).collect();
             prop_assert_eq!(listed(&mut batch), rest);
         }

@@ -100,9 +100,16 @@ impl Measure {
 
     /// Returns the closest points of a group and an element in the frame of the group's link, if their distance is at
     /// most `reach`.
-    pub(super) fn contact(&self, group: usize, e: usize, poses: &[Pose], reach: f64) -> Option<Contact> {
+    pub(super) fn contact(
+        &self,
+        group: usize,
+        e: usize,
+        poses: &[Pose],
+        reach: f64,
+        guess: Option<Vector3<f64>>,
+    ) -> Option<Contact> {
         let mut nearest = Nearest::within(reach);
-        self.near_element(group, e, poses, reach, |a, b, mut toward| nearest.take(a, b, &mut toward));
+        self.near_element(group, e, poses, reach, |a, b, toward| nearest.take(a, b, &mut guess.unwrap_or(toward)));
         nearest.contact
     }
 
@@ -140,10 +147,30 @@ impl Measure {
 
     /// Returns the closest points of two groups in the frame of the first group's link, if their distance is at most
     /// `reach`.
-    pub(super) fn pair_contact(&self, pair: (usize, usize), poses: &[Pose], reach: f64) -> Option<Contact> {
+    pub(super) fn pair_contact(
+        &self,
+        pair: (usize, usize),
+        poses: &[Pose],
+        reach: f64,
+        guess: Option<Vector3<f64>>,
+    ) -> Option<Contact> {
         let mut nearest = Nearest::within(reach);
-        self.near_group(pair, poses, reach, |a, b, mut toward| nearest.take(a, b, &mut toward));
+        self.near_group(pair, poses, reach, |a, b, toward| nearest.take(a, b, &mut guess.unwrap_or(toward)));
         nearest.contact
+    }
+
+    /// Returns the link and the shapes of a group, each as its vertices in the link's frame and its radius.
+    pub(super) fn shapes_of(
+        &self,
+        group: usize,
+    ) -> (usize, impl Iterator<Item = (&[nalgebra::Point3<f64>], f64)> + Clone) {
+        let (link, pieces) = &self.groups[group];
+        (*link, pieces.iter().map(|piece| (piece.shape.points(), piece.shape.radius())))
+    }
+
+    /// Returns the vertices (base frame) and the radius of an element.
+    pub(super) fn element(&self, e: usize) -> (&[nalgebra::Point3<f64>], f64) {
+        (&self.elements[e].points, self.elements[e].radius)
     }
 
     /// Returns the pose of the link of a group.

@@ -4,6 +4,7 @@
 mod cover;
 mod exact;
 mod links;
+mod planes;
 mod points;
 mod posing;
 mod reach;
@@ -132,6 +133,8 @@ pub struct Screen {
     bodies: usize,
     pairs: Vec<(usize, usize)>,
     measure: Measure,
+    /// Rounding error (m) of positions in single precision.
+    slack: f32,
 }
 
 /// Eight configurations with the intermediate results of their screening.
@@ -240,6 +243,7 @@ impl Screen {
             bodies: 0,
             pairs,
             measure,
+            slack: slack as f32,
         };
         let mut boxes = Vec::new();
         for (body, (shapes, pose)) in bodies.into_iter().enumerate() {
@@ -301,6 +305,13 @@ impl Screen {
         self.groups.len()
     }
 
+    /// Index of a group's link, and a sphere around the group's shapes: centre in the link's frame (m) and radius (m).
+    #[must_use]
+    pub fn sphere(&self, group: usize) -> (usize, Point3<f64>, f64) {
+        let Cluster { link, around, .. } = &self.groups[group];
+        (*link, Point3::from(around.center.map(f64::from)), f64::from(around.radius))
+    }
+
     /// Pairs of groups that are checked against each other.
     #[must_use]
     pub fn pairs(&self) -> &[(usize, usize)] {
@@ -345,15 +356,24 @@ impl Screen {
     /// Returns the exact distance (m) between a group and another body at the given link poses, at most `reach`; zero
     /// or negative if they touch.
     pub fn distance(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> f64 {
-        self.measured(group, other, poses, reach).map_or(reach, |contact| contact.distance)
+        self.measured(group, other, poses, reach, None).map_or(reach, |contact| contact.distance)
     }
 
     /// Returns the closest points (base frame) of a group and another body at the given link poses, if their distance
-    /// is at most `reach` (m).
+    /// is at most `reach` (m). `toward` is a guess of the direction from the group to the other body in the base frame;
+    /// a good guess makes the search faster.
     #[must_use]
-    pub fn contact(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> Option<Contact> {
-        let contact = self.measured(group, other, poses, reach)?;
+    pub fn contact(
+        &self,
+        group: usize,
+        other: Other,
+        poses: &[Pose],
+        reach: f64,
+        toward: Option<&Vector3<f64>>,
+    ) -> Option<Contact> {
         let pose = self.measure.pose_of(group, poses);
+        let toward = toward.map(|toward| pose.rotation.inverse() * toward);
+        let contact = self.measured(group, other, poses, reach, toward)?;
         Some(Contact {
             distance: contact.distance,
             on_first: pose * contact.on_first,
@@ -362,12 +382,19 @@ impl Screen {
         })
     }
 
-    /// Returns the closest points in the frame of the group's link.
-    fn measured(&self, group: usize, other: Other, poses: &[Pose], reach: f64) -> Option<Contact> {
+    /// Returns the closest points in the frame of the group's link, in which the guess is also given.
+    fn measured(
+        &self,
+        group: usize,
+        other: Other,
+        poses: &[Pose],
+        reach: f64,
+        toward: Option<Vector3<f64>>,
+    ) -> Option<Contact> {
         match other {
-            Other::Element(e) => self.measure.contact(group, e, poses, reach),
+            Other::Element(e) => self.measure.contact(group, e, poses, reach, toward),
             Other::Cloud(c) => self.measure.cloud_contact(group, &self.clouds[c], poses, reach),
-            Other::Pair(pair) => self.measure.pair_contact(self.pairs[pair], poses, reach),
+            Other::Pair(pair) => self.measure.pair_contact(self.pairs[pair], poses, reach, toward),
         }
     }
 }

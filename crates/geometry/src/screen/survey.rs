@@ -304,12 +304,14 @@ impl Screen {
         visit(&Suspect { group: a, other: Other::Pair(pair), gap, max_gap })
     }
 
-    /// Examines one group and one other body, in the same way as [`Screen::survey`] examines all pairs.
+    /// Examines one group and one other body up to `reach` (m), in the same way as [`Screen::survey`] examines all
+    /// pairs.
     pub fn look_at(
         &self,
         batch: &mut Batch,
         needs: &Needs,
         (group, other): (usize, Other),
+        reach: f32,
         mut visit: impl FnMut(&Suspect) -> bool,
     ) -> bool {
         struct Work<'a> {
@@ -318,23 +320,24 @@ impl Screen {
             group: usize,
             other: Other,
             need: f64,
+            reach: f32,
             visit: &'a mut dyn FnMut(&Suspect) -> bool,
         }
         impl Wide for Work<'_> {
             type Output = bool;
             #[inline(always)]
             fn run(self) -> bool {
-                let Self { screen, batch, group, other, need, visit } = self;
+                let Self { screen, batch, group, other, need, reach, visit } = self;
                 match other {
-                    Other::Element(e) => screen.against_solid(group, e, need, batch, 0.0, visit),
-                    Other::Cloud(c) => screen.against_cloud(group, c, need, batch, 0.0, visit),
-                    Other::Pair(pair) => screen.against_group(pair, need, batch, 0.0, visit),
+                    Other::Element(e) => screen.against_solid(group, e, need, batch, reach, visit),
+                    Other::Cloud(c) => screen.against_cloud(group, c, need, batch, reach, visit),
+                    Other::Pair(pair) => screen.against_group(pair, need, batch, reach, visit),
                 }
             }
         }
         let need = self.needed(needs, group, other);
         batch.examined[self.place_of(group, other)] = batch.placements;
-        wide(Work { screen: self, batch, group, other, need, visit: &mut visit })
+        wide(Work { screen: self, batch, group, other, need, reach, visit: &mut visit })
     }
 
     /// Passes to `visit` the corners of a box around each group's shapes (m, base frame): group, index of the corner,
@@ -358,27 +361,40 @@ impl Screen {
         mut visit: impl FnMut(usize, usize, [f32; LANES]),
     ) {
         for (group, carried) in carriers.iter().enumerate() {
-            let cluster = &self.groups[group];
-            if cluster.balls.is_empty() {
+            self.levers_of(batch, group, carried, robot, |joint, lever| visit(group, joint, lever));
+        }
+    }
+
+    /// Passes to `visit` the lever arms of one group as [`Screen::levers`] does: joint, and maximum distance in every
+    /// lane. `carried` are the joints that carry the group, each with the link that it moves.
+    pub fn levers_of(
+        &self,
+        batch: &Batch,
+        group: usize,
+        carried: &[(usize, usize)],
+        robot: &Robot,
+        mut visit: impl FnMut(usize, [f32; LANES]),
+    ) {
+        let cluster = &self.groups[group];
+        if cluster.balls.is_empty() {
+            return;
+        }
+        for (joint, link) in carried {
+            if !self.revolute[*joint] {
+                visit(*joint, [1.0; LANES]);
                 continue;
             }
-            for (joint, link) in carried {
-                if !self.revolute[*joint] {
-                    visit(group, *joint, [1.0; LANES]);
-                    continue;
-                }
-                let frame = &batch.frames[*link];
-                let axis = robot.joints()[*joint].axis();
-                let axis = frame.direction(&[axis.x as f32, axis.y as f32, axis.z as f32]);
-                let c = &batch.around[group];
-                let arm = [c[0] - frame.t[0], c[1] - frame.t[1], c[2] - frame.t[2]];
-                let across = [
-                    arm[1] * axis[2] - arm[2] * axis[1],
-                    arm[2] * axis[0] - arm[0] * axis[2],
-                    arm[0] * axis[1] - arm[1] * axis[0],
-                ];
-                visit(group, *joint, (length(&across) + F32x8::splat(cluster.around.radius)).to_array());
-            }
+            let frame = &batch.frames[*link];
+            let axis = robot.joints()[*joint].axis();
+            let axis = frame.direction(&[axis.x as f32, axis.y as f32, axis.z as f32]);
+            let c = &batch.around[group];
+            let arm = [c[0] - frame.t[0], c[1] - frame.t[1], c[2] - frame.t[2]];
+            let across = [
+                arm[1] * axis[2] - arm[2] * axis[1],
+                arm[2] * axis[0] - arm[0] * axis[2],
+                arm[0] * axis[1] - arm[1] * axis[0],
+            ];
+            visit(*joint, (length(&across) + F32x8::splat(cluster.around.radius)).to_array());
         }
     }
 }

@@ -5,16 +5,20 @@ use crate::timing::{Envelope, Node, Phase, State, go_on, stopping};
 
 /// Tolerance (rad or m, and per second) for rounding.
 const SLACK: f64 = 1e-9;
-/// Number of bisections for the largest jerk that keeps the limits.
-const HALVINGS: usize = 24;
+/// Maximum number of trials for the largest jerk that keeps the limits, of which the first are false positions and the
+/// others bisections, and fraction of the jerk's range within which it is found.
+const TRIALS: usize = 32;
+const FALSE_POSITIONS: usize = 8;
+const EXACT: f64 = 1e-7;
 /// Maximum number of reversals of a joint in one step and one stop: two in each of the four phases.
 const REVERSALS: usize = 8;
 
-/// Phases of constant jerk from a state, followed by rest.
+/// Phases of constant jerk, followed by rest.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Course {
-    start: State,
     phases: [Phase; 4],
+    /// State at the start of each phase, and the state of rest.
+    states: [State; 5],
 }
 
 /// Times (s) at which a joint reverses, and the positions there.
@@ -25,17 +29,26 @@ pub(super) struct Reversals {
 }
 
 impl Course {
+    fn new(start: State, phases: [Phase; 4]) -> Self {
+        let mut states = [start; 5];
+        for (k, (duration, jerk)) in phases.iter().enumerate() {
+            states[k + 1] = go_on(states[k], *jerk, *duration);
+        }
+        (states[4][1], states[4][2]) = (0.0, 0.0);
+        Self { phases, states }
+    }
+
     /// Returns the fastest stop from a state.
     pub fn stop(start: State, limits: &JointLimits) -> Self {
         let [a, b, c] = stopping(start[1], start[2], limits.acceleration, limits.jerk);
-        Self { start, phases: [(0.0, 0.0), a, b, c] }
+        Self::new(start, [(0.0, 0.0), a, b, c])
     }
 
     /// Returns one step of `dt` (s) with constant jerk, and then the fastest stop.
     pub fn step(start: State, jerk: f64, dt: f64, limits: &JointLimits) -> Self {
         let next = go_on(start, jerk, dt);
         let [a, b, c] = stopping(next[1], next[2], limits.acceleration, limits.jerk);
-        Self { start, phases: [(dt, jerk), a, b, c] }
+        Self::new(start, [(dt, jerk), a, b, c])
     }
 
     /// Returns the time (s) after which the joint rests.
@@ -45,41 +58,59 @@ impl Course {
 
     /// Returns the state at time `t` (s).
     pub fn at(&self, t: f64) -> State {
-        let (mut state, mut left) = (self.start, t);
-        for (duration, jerk) in &self.phases {
+        let mut left = t;
+        for (state, (duration, jerk)) in self.states.iter().zip(&self.phases) {
             if left <= *duration {
-                return go_on(state, *jerk, left);
+                return go_on(*state, *jerk, left);
             }
-            state = go_on(state, *jerk, *duration);
             left -= duration;
         }
-        [state[0], 0.0, 0.0]
+        self.states[4]
+    }
+
+    /// Returns the greatest absolute acceleration at the phases' ends between two times (s), which need not include the
+    /// acceleration at these times.
+    pub fn acceleration(&self, from: f64, to: f64) -> f64 {
+        let (mut most, mut begun) = (0.0_f64, 0.0);
+        for (state, (duration, _)) in self.states.iter().zip(&self.phases) {
+            if begun >= from && begun <= to {
+                most = most.max(state[2].abs());
+            }
+            begun += duration;
+        }
+        most
     }
 
     /// Visits the start of each phase, with its duration and jerk.
-    fn each(&self, mut visit: impl FnMut(State, Phase)) {
-        let mut state = self.start;
-        for phase in self.phases.iter().filter(|(duration, _)| *duration > 0.0) {
-            visit(state, *phase);
-            state = go_on(state, phase.1, phase.0);
+    fn each(&self, mut visit: impl FnMut(&State, Phase)) {
+        for (state, phase) in self.states.iter().zip(self.phases).filter(|(_, (duration, _))| *duration > 0.0) {
+            visit(state, phase);
         }
-        visit([state[0], 0.0, 0.0], (0.0, 0.0));
+        visit(&self.states[4], (0.0, 0.0));
     }
 
     /// Returns the reversals of the joint.
     pub fn reversals(&self) -> Reversals {
         let (mut out, mut begun) = (Reversals::default(), 0.0);
         self.each(|state, (duration, jerk)| {
-            for t in stills(state, jerk).into_iter().filter(|t| *t > 0.0 && *t < duration) {
+            let mut found = stills(*state, jerk);
+            found.sort_by(f64::total_cmp);
+            for t in found.into_iter().filter(|t| *t > 0.0 && *t < duration) {
                 if let Some(place) = out.at.get_mut(out.count) {
-                    *place = (begun + t, go_on(state, jerk, t)[0]);
+                    *place = (begun + t, go_on(*state, jerk, t)[0]);
                     out.count += 1;
                 }
             }
             begun += duration;
         });
-        out.at[..out.count].sort_by(|a, b| a.0.total_cmp(&b.0));
         out
+    }
+
+    /// Returns the least and the greatest position.
+    pub fn positions(&self, reversals: &Reversals) -> (f64, f64) {
+        let [first, last] = [self.states[0][0], self.states[4][0]];
+        let turned = reversals.at[..reversals.count].iter().map(|(_, position)| *position);
+        turned.fold((first.min(last), first.max(last)), |(low, high), q| (low.min(q), high.max(q)))
     }
 }
 
@@ -132,25 +163,25 @@ pub(super) struct Settled {
 impl JointLimits {
     /// Widens the range of the joint to that of a course.
     pub fn include(&mut self, course: &Course) {
-        let reversals = course.reversals();
-        let turned = reversals.at[..reversals.count].iter().map(|(_, position)| *position);
-        for position in [course.start[0], course.at(f64::INFINITY)[0]].into_iter().chain(turned) {
-            (self.lower, self.upper) = (self.lower.min(position), self.upper.max(position));
-        }
+        let (least, most) = course.positions(&course.reversals());
+        (self.lower, self.upper) = (self.lower.min(least), self.upper.max(most));
     }
 
-    /// Returns whether a course keeps the limits of position and velocity on one side (1 upper, -1 lower).
-    fn keeps(&self, course: &Course, side: f64) -> bool {
-        let (end, mut kept) = (if side > 0.0 { self.upper } else { -self.lower }, true);
+    /// Returns by how much a course exceeds the limits of position or velocity on one side (1 upper, -1 lower), at most;
+    /// not positive if it keeps them.
+    fn excess(&self, course: &Course, side: f64) -> f64 {
+        let end = if side > 0.0 { self.upper } else { -self.lower };
+        let mut most = f64::NEG_INFINITY;
         course.each(|state, (duration, jerk)| {
-            let within = |[position, velocity, _]: State| {
-                side * position <= end + SLACK && side * velocity <= self.velocity + SLACK
+            let mut look = |[position, velocity, _]: State| {
+                most = most.max(side * position - end).max(side * velocity - self.velocity);
             };
+            look(*state);
             let inside = |t: &f64| *t > 0.0 && *t < duration;
-            let peaks = std::iter::once(-state[2] / jerk).chain(stills(state, jerk)).filter(inside);
-            kept &= within(state) && peaks.map(|t| go_on(state, jerk, t)).all(within);
+            let peaks = std::iter::once(-state[2] / jerk).chain(stills(*state, jerk)).filter(inside);
+            peaks.for_each(|t| look(go_on(*state, jerk, t)));
         });
-        kept && self.envelope.is_none_or(|envelope| self.is_inside(course, &envelope))
+        most - SLACK
     }
 
     /// Returns whether a course keeps the velocity limits that depend on the position.
@@ -185,24 +216,8 @@ impl JointLimits {
     pub fn range(&self, start: State, dt: f64) -> Settled {
         let low = ((-self.acceleration - start[2]) / dt).max(-self.jerk);
         let high = ((self.acceleration - start[2]) / dt).min(self.jerk);
-        let keeps = |jerk: f64, side: f64| self.keeps(&Course::step(start, jerk, dt, self), side);
-        // Returns the jerk nearest to `wanted` that keeps the limits on one side, if that at `safe` does.
-        let nearest = |safe: f64, wanted: f64, side: f64| -> Option<f64> {
-            if keeps(wanted, side) {
-                return Some(wanted);
-            }
-            if !keeps(safe, side) {
-                return None;
-            }
-            let (mut inside, mut outside) = (safe, wanted);
-            for _ in 0..HALVINGS {
-                let middle = 0.5 * (inside + outside);
-                *(if keeps(middle, side) { &mut inside } else { &mut outside }) = middle;
-            }
-            Some(inside)
-        };
         let settles = |jerk: f64| self.settled(go_on(start, jerk, dt), dt);
-        match (nearest(high, low, -1.0), nearest(low, high, 1.0)) {
+        match (self.nearest(start, [high, low], -1.0, dt), self.nearest(start, [low, high], 1.0, dt)) {
             (Some(least), Some(most)) if least <= most => Settled {
                 low: settles(least),
                 high: settles(most),
@@ -214,6 +229,51 @@ impl JointLimits {
                 Settled { low: only, high: only, jerk: None, by_range: [true; 2] }
             }
         }
+    }
+
+    /// Returns the jerk nearest to `wanted` with which a step keeps the limits on one side, if that at `safe` does.
+    ///
+    /// The excess grows with the distance from `safe`; the false position method in its Illinois form finds its zero.
+    fn nearest(&self, start: State, [safe, wanted]: [f64; 2], side: f64, dt: f64) -> Option<f64> {
+        let excess = |jerk: f64| {
+            let course = Course::step(start, jerk, dt, self);
+            let excess = self.excess(&course, side);
+            // The bounds that depend on the position are only tested, so their excess has no size.
+            let kept = excess > 0.0 || self.envelope.is_none_or(|envelope| self.is_inside(&course, &envelope));
+            if kept { excess } else { f64::NAN }
+        };
+        let (mut inside, mut outside) = ((safe, excess(safe)), (wanted, excess(wanted)));
+        if outside.1 <= 0.0 {
+            return Some(wanted);
+        }
+        if inside.1.is_nan() || inside.1 > 0.0 {
+            return None;
+        }
+        let (width, mut last) = (EXACT * (wanted - safe).abs(), 0.0);
+        for trial in 0..TRIALS {
+            let left = (outside.0 - inside.0).abs();
+            if left <= width {
+                break;
+            }
+            let share = inside.1 / (inside.1 - outside.1);
+            let share = if trial < FALSE_POSITIONS && share.is_finite() { share } else { 0.5 };
+            // Next to an end, the trial lies so far inside that the zero is enclosed.
+            let least = 0.5 * width / left;
+            let jerk = inside.0 + share.max(least).min(1.0 - least) * (outside.0 - inside.0);
+            let found = excess(jerk);
+            let same = if found <= 0.0 { last < 0.0 } else { last > 0.0 };
+            // An end that stays twice counts half, so that it moves too.
+            if found <= 0.0 {
+                inside = (jerk, found);
+                outside.1 *= if same { 0.5 } else { 1.0 };
+                last = -1.0;
+            } else {
+                outside = (jerk, found);
+                inside.1 *= if same { 0.5 } else { 1.0 };
+                last = 1.0;
+            }
+        }
+        Some(inside.0)
     }
 
     /// Returns the course after which the joint settles to a velocity within its range.

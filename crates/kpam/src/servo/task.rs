@@ -11,9 +11,10 @@
 //! projection onto the motions that do not move the link. The step minimizes `|J (w - d)|^2 + weight |w - d|^2` over the
 //! velocities `w` that keep the limits.
 
-use gensim2_geometry::{Chain, ChainFrames, Pose, rotation_log};
+use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::{Matrix6, Vector6};
 
+use super::arm::Arm;
 use super::joint::JointLimits;
 use crate::model::{MAX_JOINTS, Model, Row};
 
@@ -62,8 +63,7 @@ pub(super) struct Cost {
 /// The state that a cost is computed for.
 pub(super) struct Setting<'s> {
     pub model: &'s Model,
-    pub chain: &'s Chain,
-    pub frames: &'s ChainFrames,
+    pub arm: &'s Arm,
     pub limits: &'s [JointLimits],
     pub x: &'s Row,
     pub posture: &'s Row,
@@ -85,7 +85,7 @@ impl Setting<'_> {
                 self.joint_cost(&left.map(|way| speed * way))
             }
             Aim::Pose(pose, twist) => {
-                let tip = &self.frames.tip;
+                let tip = self.arm.tip();
                 let shift = pose.translation.vector - tip.translation.vector;
                 let turn = rotation_log(&(pose.rotation * tip.rotation.inverse()));
                 let left = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
@@ -115,7 +115,7 @@ impl Setting<'_> {
     fn link_cost(&self, left: &Vector6<f64>, twist: &Vector6<f64>) -> Cost {
         let n = self.limits.len();
         let weight = Vector6::new(1.0, 1.0, 1.0, ARM, ARM, ARM);
-        let columns = self.model.twists(self.chain, self.frames).map(|column| column.component_mul(&weight));
+        let columns = self.arm.twists().map(|column| column.component_mul(&weight));
         let left = left.component_mul(&weight);
         let damping = DAMPING + DISTANCE_DAMPING * left.norm();
         let mut normal = Matrix6::identity() * damping;

@@ -140,7 +140,7 @@ impl<'s> Field<'s> {
         };
         let mut hit = None;
         for k in 0..latest.len() {
-            world.screen.look_at(batch, needs, latest[k], |s| {
+            world.screen.look_at(batch, needs, latest[k], 0.0, |s| {
                 hit = struck(s);
                 suspects.push(*s);
                 true

@@ -33,6 +33,7 @@ pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
 pub(crate) use compiled::{CONTACT, Close, Compiled, place_of};
 pub(crate) use margins::Margins;
+pub(crate) use movers::is_below;
 pub(crate) use query::Clearances;
 pub use scene::{Scene, SceneJoint};
 pub(crate) use segment::{MotionSegment, Schedule};
