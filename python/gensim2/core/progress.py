@@ -26,6 +26,11 @@ def clock(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}"
 
 
+def now() -> str:
+    """Return the local time with its offset from UTC, such as ``2026-11-30T14:05:00+0100``."""
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
+
+
 class Progress(Protocol):
     """Listener to which a long function reports its progress. The function has one or more stages, which run one after
     the other.

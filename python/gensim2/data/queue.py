@@ -19,6 +19,7 @@ from typing import Any
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.pages import template
+from gensim2.core.progress import now
 from gensim2.core.resumable import ResumableFolder, command_line
 from gensim2.data.card import card
 from gensim2.data.dataset import DATASET_JSON, DataSet
@@ -113,10 +114,6 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
         self._run |= progress
         write_json(self.path / RUN_JSON, self._run)
         return self._run
-
-
-def now() -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
 class Queue:

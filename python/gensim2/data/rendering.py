@@ -6,11 +6,12 @@ import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import append, remove, remove_temporaries
+from gensim2.core.files import remove, remove_temporaries
 from gensim2.core.plural import plural
 from gensim2.core.processes import Execution, ExecutionArguments, Failure, Job, results
 from gensim2.core.progress import NULL_PROGRESS, Progress, clock
@@ -158,8 +159,9 @@ class _Rendering:
         self._progress.advance(self._there)
         rendered = frames = 0
         cpu = 0.0
-        with execution.at_most(len(missing)).executor(preload=PRELOAD, on_failure=self._failed) as pool:
-            log = self._dataset.path / ERRORS_LOG
+        log = self._dataset.path / ERRORS_LOG
+        failed = partial(Failure.report, progress=self._progress, log=log)
+        with execution.at_most(len(missing)).executor(preload=PRELOAD, on_failure=failed) as pool:
             for _, made in results(pool.map_unordered(render_episode, jobs), "observations", log):
                 rendered, frames, cpu = rendered + 1, frames + made.frames, cpu + made.cpu_s
                 self._size += made.size
@@ -197,12 +199,6 @@ class _Rendering:
     def _scene(self, store: TaskStore) -> SceneConfig:
         # Each episode records the objects that it used, so the scene needs no set of objects from which to sample.
         return self._dataset.scene.with_task(store.spec())
-
-    def _failed(self, failure: Failure) -> None:
-        self._progress.message(f"job {failure.index} failed on attempt {failure.number}: {failure.reason}")
-        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-        log = self._dataset.path / ERRORS_LOG
-        append(log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}")
 
 
 def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:

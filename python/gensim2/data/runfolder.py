@@ -18,6 +18,7 @@ from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_changed, write_json
+from gensim2.core.progress import now
 from gensim2.core.record_files import read_record
 from gensim2.core.resumable import ResumableFolder, command_line
 from gensim2.core.yaml_files import dump_yaml
@@ -116,7 +117,7 @@ class RunFolder(ResumableFolder[RunRecord]):
 
     def finish(self, result: dict[str, Any]) -> None:
         self.record.result = result
-        self.record.finished = _now()
+        self.record.finished = now()
         self.save()
 
     def task(self, name: str) -> TaskFolder:
@@ -138,7 +139,7 @@ class RunFolder(ResumableFolder[RunRecord]):
             arguments=arguments,
             identity=dict(identity),
             command_line=command_line(),
-            started=_now(),
+            started=now(),
             finished=None,
             versions=versions(*_engines(arguments)),
             platform=platform.platform(),
@@ -200,7 +201,3 @@ class TaskFolder:
 
 def _engines(arguments: Mapping[str, Any]) -> tuple[Engine, ...]:
     return ENGINES if arguments.get("engines") == "both" else (arguments.get("engine", DEFAULT_ENGINE),)
-
-
-def _now() -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S%z")

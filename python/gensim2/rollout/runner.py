@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import append, write_json
+from gensim2.core.files import write_json
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -195,10 +195,4 @@ class EpisodeRunner:
 
     def _failed(self, failure: Failure) -> None:
         self.failed_tries += 1
-        self._progress.message(f"job {failure.index} failed on attempt {failure.number}: {failure.reason}")
-        if self._log is None:
-            return
-        self._log.parent.mkdir(parents=True, exist_ok=True)
-        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-        said = f"job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
-        append(self._log, f"{now} {said}")
+        failure.report(self._progress, self._log)

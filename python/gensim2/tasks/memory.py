@@ -13,7 +13,6 @@ import json
 import os
 import secrets
 import shutil
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from filelock import FileLock
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.files import sync_folder, write_json
+from gensim2.core.progress import now
 from gensim2.core.yaml_files import read_yaml
 from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
@@ -280,7 +280,7 @@ def _spec_of(folder: Path, name: str) -> TaskSpec:
 def _note(run: str | None) -> dict[str, Any]:
     return {
         "schema_version": 1,
-        "added": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "added": now(),
         "gensim2": importlib.metadata.version("gensim2"),
         "run": None if run is None else os.fspath(run),
     }

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 from gensim2.core.errors import GenSim2Error, NotRunError, WriteError
+from gensim2.core.files import append
+from gensim2.core.progress import Progress, now
 
 Result = TypeVar("Result")
 
@@ -52,6 +54,13 @@ class Failure:
     number: int
     reason: str
     traceback: str | None = None
+
+    def report(self, progress: Progress, log: Path | None) -> None:
+        """Show the failure, and append it with its traceback to the file ``log``."""
+        progress.message(f"job {self.index} failed on attempt {self.number}: {self.reason}")
+        if log is not None:
+            log.parent.mkdir(parents=True, exist_ok=True)
+            append(log, f"{now()} job {self.index}, try {self.number}: {self.reason}\n{self.traceback or ''}")
 
 
 @dataclass(frozen=True)
