@@ -22,6 +22,7 @@ from typing import Any
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.processes.fork_server import ignore_interrupts, start_fork_server
+from gensim2.core.processes.pool import SINGLE_THREADED
 from gensim2.planning.scene import Scene
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
@@ -120,8 +121,7 @@ class DeviceProcess:
 def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> None:
     ignore_interrupts()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
-        os.environ[name] = "1"
+    os.environ |= SINGLE_THREADED
     gc.freeze()  # exclude the imported objects from garbage collection, which would take 0.1 s
     try:
         target(pipe, *arguments)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import multiprocessing
 import os
 import pickle
 import resource
@@ -24,6 +23,7 @@ from typing import Any, TypeVar
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.processes.executor import WorkerStartError
+from gensim2.core.processes.fork_server import end_with_the_parent
 from gensim2.core.processes.pool import preload_modules, start_process
 from gensim2.core.progress import Progress
 
@@ -144,7 +144,7 @@ class _Told:
 
 def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent handles it
-    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    threading.Thread(target=end_with_the_parent, daemon=True).start()
     faulthandler.disable()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide the messages that a library prints when it crashes
     os.environ |= FRUGAL
@@ -160,13 +160,6 @@ def _run(connection: Connection, bounds: Bounds, payload: bytes) -> None:
         said = ("bug", traceback.format_exc())
     with contextlib.suppress(OSError):  # if the parent process has ended, it cannot receive the result
         connection.send_bytes(pickle.dumps(said))
-
-
-def _end_with_the_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def _data_size() -> int:

@@ -24,7 +24,13 @@ from typing import Any, TypeVar
 
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.processes.executor import TRIES, Executor, Failure, Job, Outcome, Tries, WorkerStartError, received
-from gensim2.core.processes.fork_server import WORKER, end_unguarded_worker, ignore_interrupts, start_fork_server
+from gensim2.core.processes.fork_server import (
+    WORKER,
+    end_unguarded_worker,
+    end_with_the_parent,
+    ignore_interrupts,
+    start_fork_server,
+)
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -219,7 +225,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
     ignore_interrupts()  # Ctrl-C reaches the whole process group; the parent handles it
     os.environ.clear()
     os.environ.update(environment)  # the fork server may have older values of the variables
-    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    threading.Thread(target=end_with_the_parent, daemon=True).start()
     if prepare is not None:
         # A failing import is ignored here: the job imports the module again and reports the error.
         with contextlib.suppress(Exception):
@@ -237,14 +243,6 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
             connection.send_bytes(said)
         except OSError:
             return
-
-
-def _end_with_the_parent() -> None:
-    """End this process when the parent dies, so that a long job does not continue without the parent."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def answer(payload: bytes) -> bytes:
