@@ -171,13 +171,7 @@ def of_data_set(folder: Path, task: str | None, index: int | None, assets: Path 
     if row is None:
         wrong = "no episode succeeded" if index is None else f"there is no episode {index}"
         raise InputError(wrong, file=store.folder, field="episode", remedy="--episode N takes another")
-    recording = store.read(row).recording
-    if recording is None:
-        raise InputError(
-            "the states of this episode were not stored",
-            file=store.path(row.index, row.held),
-            remedy="to store the states of failed episodes, collect the data set with --keep-failures",
-        )
+    recording = store.recording(row)
     scene = dataset.scene.with_task(store.spec(), dataset.record.tasks[store.name].instances)
     ObjectCheck(dataset).episode(row, store.path(row.index, row.held))
     return Shown(f"{store.name}, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)

@@ -198,11 +198,7 @@ class FrameAccess:
             self._forget()
         if number not in self._recordings:
             episode = self._episodes[number]
-            recording = episode.store.read(episode.row).recording
-            if recording is None:
-                path = episode.store.path(episode.row.index, episode.row.held)
-                raise InputError("has no states", file=path, remedy="collect it again")
-            self._recordings[number] = recording
+            self._recordings[number] = episode.store.recording(episode.row)
             if len(self._recordings) > KEPT_EPISODES:
                 self._recordings.popitem(last=False)
         return self._recordings[number]

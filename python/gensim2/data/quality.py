@@ -126,8 +126,7 @@ def _quality(
                 found.openness.append(thing.openness_start)
             found.same_scene += _again(scenes, _scene(row))
             objects.episode(row, store.path(row.index))
-            recording = store.read(row).recording
-            assert recording is not None
+            recording = store.recording(row)
             found.jerks.append(jerk(recording, profile))
             clearance = meter.of(recording)
             found.clearances.append(clearance.distance)

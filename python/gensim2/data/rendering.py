@@ -209,9 +209,7 @@ def render_episode(folder: Path, row: Episode, scene: SceneConfig, spec: Observa
         WriteError: the file cannot be written.
     """
     store = TaskStore(folder)
-    recording = store.read(row).recording
-    if recording is None:
-        raise InputError("has no states", file=store.path(row.index, row.held), remedy="collect it again")
+    recording = store.recording(row)
     # Imported here because it loads the ray caster, which argument checks do not need.
     from gensim2.data.observing import observe, segmentation_ids
 

@@ -83,9 +83,7 @@ def _film(dataset: DataSet, store: TaskStore, row: Episode, number: int, progres
     if (dataset.path / video).exists() and (dataset.path / still).exists():
         return video, still
     progress.start(f"{store.name}: film", 1)
-    recording = store.read(row).recording
-    assert recording is not None
-    replay = Replay.of(recording, dataset.scene.with_task(store.spec()))
+    replay = Replay.of(store.recording(row), dataset.scene.with_task(store.spec()))
     made = film(replay, dataset.path / video, still=dataset.path / still)
     progress.message(f"{store.name}: in the film, {made.renderer}")
     progress.advance()

@@ -85,9 +85,7 @@ class Selection:
         kept = []
         for row in rows:
             objects.episode(row, store.path(row.index))
-            recording = store.read(row).recording
-            assert recording is not None  # successful episodes have a recording
-            if meter.of(recording).distance >= least:
+            if meter.of(store.recording(row)).distance >= least:
                 kept.append(row)
             progress.advance()
         return kept

@@ -134,6 +134,18 @@ class TaskStore:
             raise DamagedEpisodeError("has no states", file=path, remedy="delete the file and resume")
         return stored
 
+    def recording(self, row: Episode) -> Recording:
+        """Read the states and actions of an episode.
+
+        Raises:
+            InputError: as for :meth:`read`, or the states of this failed episode were not stored.
+        """
+        found = self.read(row).recording
+        if found is None:
+            path, remedy = self.path(row.index, row.held), "collect the data set with --keep-failures"
+            raise InputError("has no states", file=path, remedy=remedy)
+        return found
+
     def _inside(self, path: Path) -> Path:
         """Return ``path`` after checking that no symbolic link leads out of the task's folder."""
         return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))

@@ -126,8 +126,7 @@ def _frames(
     for store, rows in chosen:
         sentence = store.spec().description
         for row in rows:
-            recording = store.read(row).recording
-            assert recording is not None  # successful episodes always have a recording
+            recording = store.recording(row)
             observation = _observed(store, row) if observations else None
             seen.add(observation is not None)
             if len(seen) > 1:
