@@ -87,6 +87,12 @@ def is_stable(measured: Measurement) -> bool:
     )
 
 
+def gripper_distance(measured: Measurement, name: str) -> float:
+    """Return the smallest distance (m) between a keypoint of the gripper and a keypoint of an object."""
+    gripper, points = np.stack(list(measured.gripper.values())), np.stack(list(measured.keypoints[name].values()))
+    return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
+
+
 def _rotation(pose: Array) -> Rotation:
     return Rotation.from_quat(pose[3:], scalar_first=True)
 

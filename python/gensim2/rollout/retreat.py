@@ -11,6 +11,7 @@ import gensim2_kpam as kpam
 from gensim2.planning.scene import Scene
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import RobotProfile
+from gensim2.rollout.motion import gripper_distance
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
@@ -34,11 +35,7 @@ SLACK = 1e-3
 
 def is_near(measured: Measurement, names: Collection[str]) -> bool:
     """Return whether a keypoint of the gripper is within ``NEAR`` of a keypoint of the named objects."""
-    gripper = np.stack(list(measured.gripper.values()))
-    return any(
-        np.linalg.norm(gripper[:, None] - np.stack(list(measured.keypoints[name].values())), axis=2).min() < NEAR
-        for name in names
-    )
+    return any(gripper_distance(measured, name) < NEAR for name in names)
 
 
 class Retreat:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
-from gensim2.rollout.motion import change, changes
+from gensim2.rollout.motion import change, changes, gripper_distance
 from gensim2.rollout.record import StrictMiss
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import OF_GRIPPER, RigidLifted, all_hold
@@ -61,7 +61,7 @@ def strict_misses(
         touched = sorted(world.touched() & acted_on)
         if touched:
             misses[StrictMiss.NOT_LET_GO] = {"touches": touched}
-        near = {name: distance for name in acted_on if (distance := _from_gripper(later, name)) < RETREAT}
+        near = {name: distance for name in acted_on if (distance := gripper_distance(later, name)) < RETREAT}
         if near:
             misses[StrictMiss.NOT_RETREATED] = {"distances": near}
     if not all_hold(task.success, later):
@@ -114,11 +114,6 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
             if name in pair["bodies"] and other in shapes and pair["distance"] < -DEEPEST:
                 found.setdefault(name, {})[other] = -pair["distance"]
     return found
-
-
-def _from_gripper(measured: Measurement, name: str) -> float:
-    gripper, points = np.stack(list(measured.gripper.values())), np.stack(list(measured.keypoints[name].values()))
-    return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
 
 
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
