@@ -16,7 +16,7 @@ from gensim2.core.errors import InputError
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import robot
 from gensim2.scenes.arguments import as_library, chosen_instances
-from gensim2.scenes.footprint import hulls_in_root, keep_apart, outline, swept_points
+from gensim2.scenes.footprint import gap_between, hulls_in_root, outline, swept_points
 from gensim2.scenes.initial_state import GAP, InitialState, PlacementError, sample_initial_state
 from gensim2.scenes.reset_options import read_options
 from gensim2.sim.headless import HeadlessEnv
@@ -255,16 +255,16 @@ def test_outlines_that_keep_apart_do(first: np.ndarray, second: np.ndarray, shif
     angles = np.linspace(0.0, 2 * np.pi, 721)
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
     widest = float(((outlines[1] @ normals.T).min(axis=0) - (outlines[0] @ normals.T).max(axis=0)).max())
-    if keep_apart(*outlines, gap):
+    if gap_between(*outlines) >= gap:
         assert widest > gap - 0.02
     if widest < -0.001:
-        assert not keep_apart(*outlines, gap)
+        assert gap_between(*outlines) < gap
 
 
 def test_the_strip_between_two_outlines_lies_along_an_edge() -> None:
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    assert keep_apart(square, square + np.array([1.1, 0.5]), 0.099)
-    assert not keep_apart(square, square + np.array([1.1, 0.5]), 0.101)
+    assert gap_between(square, square + np.array([1.1, 0.5])) >= 0.099
+    assert gap_between(square, square + np.array([1.1, 0.5])) < 0.101
     # From corner to corner the separation is smaller than the distance, and never larger.
-    assert keep_apart(square, square + np.array([1.1, 1.1]), 0.099)
-    assert not keep_apart(square, square + np.array([1.1, 1.1]), 0.12)
+    assert gap_between(square, square + np.array([1.1, 1.1])) >= 0.099
+    assert gap_between(square, square + np.array([1.1, 1.1])) < 0.12

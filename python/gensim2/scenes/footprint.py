@@ -83,15 +83,9 @@ def square(center: Array, half: float) -> Array:
     return np.asarray(center[:2] + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
 
 
-def keep_apart(first: Array, second: Array, gap: float) -> bool:
-    """Return whether two convex outlines are at least ``gap`` (m) apart. As in the separating axis test, the gap is
-    measured in the direction perpendicular to each edge, and the largest value is the gap between the outlines.
-    """
-    return gap_between(first, second) >= gap
-
-
 def gap_between(first: Array, second: Array) -> float:
-    """Return the gap (m) between two convex outlines along the normals of their edges; negative if they overlap.
+    """Return the gap (m) between two convex outlines; negative if they overlap. As in the separating axis test, the gap
+    is measured in the direction perpendicular to each edge, and the largest value is the gap between the outlines.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.

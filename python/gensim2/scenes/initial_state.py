@@ -18,7 +18,7 @@ from gensim2.objects.types import BODY, ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
-from gensim2.scenes.footprint import hulls_in_root, keep_apart, keypoint_in_root, outline, square, swept_points
+from gensim2.scenes.footprint import gap_between, hulls_in_root, keypoint_in_root, outline, square, swept_points
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PRESETS, PhysicsSource, PhysicsSwitches
 from gensim2.scenes.randomize import (
     AS_IT_IS,
@@ -295,7 +295,7 @@ class _Room:
             for other in names[:index]:
                 if not {name, other} & self._drawn or self._supports(other, name):
                     continue
-                if not keep_apart(outlines[name], outlines[other], GAP):
+                if gap_between(outlines[name], outlines[other]) < GAP:
                     return False
         return True
 
@@ -321,10 +321,10 @@ class _Room:
         # from the robot.
         if isinstance(thing.model, ArticulatedObject):
             return True
-        if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
+        if gap_between(outlines[name], square(self._base, self._base_half)) < GAP:
             return False
         low = thing.in_world(self._points[name])[:, 2].max() < self._hand_bottom
-        return bool(low or keep_apart(outlines[name], self._hand, GAP))
+        return bool(low or gap_between(outlines[name], self._hand) >= GAP)
 
 
 MAX_STARTS = 10

@@ -59,16 +59,12 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             found[names[0]][option] = value
         else:
             raise InputError(
-                "must be a mapping from the name of each object to its value", field=option, remedy=_list(names)
+                "must be a mapping from the name of each object to its value", field=option, remedy=", ".join(names)
             )
     for given in found.values():
         if "offset" in given and "pose" in given:
             raise InputError("must not be given together with pose", field="offset")
     return found
-
-
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(names)
 
 
 def _check_maniskill(option: str, value: Any) -> None:
