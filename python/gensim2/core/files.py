@@ -249,15 +249,16 @@ def _encoded(data: str | bytes) -> bytes:
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 
-def append(path: Path, text: str) -> None:
-    """Append text to a log file.
+def append(path: Path, data: str | bytes) -> None:
+    """Append data to a log file, whose folder is created if it does not exist.
 
     Raises:
         WriteError: the file cannot be written to, or the disk is full.
     """
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab") as stream:
-            stream.write(_encoded(text))
+            stream.write(_encoded(data))
     except OSError as error:
         raise not_written(error, path) from error
 

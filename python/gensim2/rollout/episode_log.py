@@ -15,7 +15,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import write_atomic
+from gensim2.core.files import append, write_atomic
 from gensim2.core.foreign.tree import open_regular, why
 from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
@@ -63,17 +63,10 @@ class EpisodeLog:
         """Append a finished episode.
 
         Raises:
-            InputError: the file cannot be written to.
+            WriteError: the file cannot be written to.
         """
         entry = replace(episode, index=index)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("ab") as stream:
-                stream.write(log_line(entry))
-        except OSError as error:
-            raise InputError(
-                f"cannot write: {error.strerror}", file=self.path, remedy="free disk space, or choose another --out"
-            ) from error
+        append(self.path, log_line(entry))
         self.done[index] = entry
 
     def forget(self, index: int) -> None:

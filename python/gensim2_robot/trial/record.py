@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from gensim2.core.errors import InputError, WriteError, near
-from gensim2.core.files import write_atomic, write_json
+from gensim2.core.errors import InputError, near
+from gensim2.core.files import not_written, write_atomic, write_json
 from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
 from gensim2.core.record_files import parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
@@ -276,8 +276,7 @@ class TrialFolder(ResumableFolder[TrialSettings]):
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            remedy = "free disk space, and resume with --resume"
-            raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
+            raise not_written(error, path) from error
         self.trials[trial.number] = trial
 
 
