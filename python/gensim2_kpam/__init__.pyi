@@ -276,6 +276,88 @@ class Shape:
     @staticmethod
     def point_cloud(points: Numbers, radius: float) -> Shape:
         """Return a point cloud (N, 3) whose points are spheres of ``radius`` (m). An empty cloud is no obstacle."""
+    @staticmethod
+    def voxels(occupied: npt.NDArray[np.bool_], voxel_size: float, origin: Numbers = (0.0, 0.0, 0.0)) -> Shape:
+        """Return the occupied voxels of a grid as solid cubes.
+
+        Solid blocks of voxels become larger cubes that fill the same space. A body inside a solid collides with it.
+
+        Args:
+            occupied: (nx, ny, nz) array of bool. Voxel [i, j, k] is the cube between
+                ``origin + voxel_size * [i, j, k]`` and ``origin + voxel_size * [i + 1, j + 1, k + 1]``.
+            voxel_size: edge length of a voxel, m.
+            origin: (3,) corner of voxel [0, 0, 0] in the body frame, m. The pose of the body rotates the grid.
+
+        Returns:
+            The shape; without occupied voxels it is no obstacle.
+
+        Raises:
+            ProblemError: the array has another type or shape, the voxel size is not positive and finite, or the solid
+                has more than 1,000,000 cubes.
+
+        Example:
+            ```python
+            occupied = np.zeros((100, 100, 50), dtype=bool)
+            occupied[60:70, :, :20] = True  # a wall, 0.2 m thick and 0.4 m high
+            wall = Body("map", "rigid", [Shape.voxels(occupied, 0.02, [-1.0, -1.0, 0.0])], np.eye(4))
+            scene = scene.with_body(wall)
+            ```
+        """
+    @staticmethod
+    def octree(centers: Numbers, sizes: Numbers) -> Shape:
+        """Return solid cubes of one or several sizes, for example the occupied leaves of an OctoMap.
+
+        Args:
+            centers: (N, 3) centres of the cubes in the body frame, m.
+            sizes: (N,) edge lengths, or one edge length for all cubes, m.
+
+        Raises:
+            ProblemError: the lists differ in length, a size is not positive and finite, or there are more than
+                1,000,000 cubes.
+
+        Example:
+            ```python
+            leaves = Shape.octree([[0.5, 0.0, 0.1], [0.65, 0.05, 0.05]], [0.2, 0.1])
+            ```
+        """
+    @staticmethod
+    def sdf(
+        distances: npt.NDArray[np.float32] | npt.NDArray[np.float64],
+        voxel_size: float,
+        origin: Numbers = (0.0, 0.0, 0.0),
+        *,
+        threshold: float | None = None,
+        unknown: Literal["occupied", "free"] = "occupied",
+    ) -> Shape:
+        """Return the obstacles of a signed distance field (TSDF or ESDF) as solid cubes.
+
+        A voxel is an obstacle if the distance at its centre is at most ``threshold``. With the default threshold, no
+        obstacle in a known voxel is missed, and no point of the cubes is further than a voxel's diagonal (1.73 voxels)
+        from an obstacle: no point of a voxel is further than half a diagonal from its centre. Distances may be
+        truncated, at more than the threshold.
+
+        Args:
+            distances: (nx, ny, nz) array of float32 or float64: signed distance at the centre of each voxel, m,
+                negative inside obstacles, NaN if unknown. It must not exceed the true distance. Projective distances
+                (a TSDF) do: compute Euclidean distances from them, or add their error to the threshold.
+            voxel_size: edge length of a voxel, m.
+            origin: (3,) corner of voxel [0, 0, 0] in the body frame, m; the first distance belongs to the point
+                ``origin + voxel_size / 2``.
+            threshold: largest distance of an occupied voxel, m; default: half a voxel's diagonal, 0.87 voxels. With a
+                smaller threshold, obstacles are thinner, and a part of an obstacle may be missed.
+            unknown: whether unknown voxels are obstacles. Space outside the grid is free.
+
+        Raises:
+            ProblemError: the array has another type or shape, or an infinite distance; an argument is out of range; or
+                the solid has more than 1,000,000 cubes.
+
+        Example:
+            ```python
+            distances = np.where(observed, esdf, np.nan)
+            shape = Shape.sdf(distances, 0.02, origin, unknown="free")
+            scene = scene.with_body(Body("map", "rigid", [shape], np.eye(4)))
+            ```
+        """
 
 class Body:
     """A rigid body of a scene. Instances can be pickled."""
@@ -401,6 +483,19 @@ class Scene:
         """Return the scene with a joint at another value (rad or m, within its range); the joint's bodies move, too."""
     def with_pose(self, body: str, pose: Numbers) -> Scene:
         """Return the scene with a body at another pose (4, 4) in the base frame (in the hand frame if attached)."""
+    def with_body(self, body: Body) -> Scene:
+        """Return the scene with another body, which replaces the body of the same name, if there is one.
+
+        Object joints that move the former body move the new one. All other bodies are shared.
+
+        Example:
+            ```python
+            for occupied in camera:  # a new map in every cycle
+                scene = scene.with_body(Body("map", "rigid", [Shape.voxels(occupied, 0.02, origin)], np.eye(4)))
+            ```
+        """
+    def without_body(self, body: str) -> Scene:
+        """Return the scene without a body; object joints no longer move the body."""
     def attached(self, body: str, q: Numbers) -> Scene:
         """Return the scene with a body attached to the hand at joints ``q`` (n,); object joints no longer move
         the body."""

@@ -16,6 +16,9 @@ use crate::{Aabb, Corners, Pose, ShapeError, mesh};
 /// 0.5 % wider than the cylinder, and never narrower.
 const CYLINDER_SIDES: usize = 32;
 
+/// Relative tolerance for the equal edges of a cube.
+const CUBE: f64 = 1e-6;
+
 /// Convex hull of points, enlarged by a radius.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
@@ -88,6 +91,31 @@ impl Convex {
             pose * Point3::new(sign(1) * half[0], sign(2) * half[1], sign(4) * half[2])
         };
         Self::hull(&(0..8).map(corner).collect::<Vec<_>>())
+    }
+
+    /// Creates the cube between two opposite corners, whose edges are parallel to the axes of the shape's frame.
+    pub(crate) fn voxel(low: Point3<f64>, high: Point3<f64>) -> Self {
+        // The order of vertices is that of `extreme_points`.
+        let corner =
+            |i: usize| Point3::from_slice(&[0, 1, 2].map(|k| if i >> (2 - k) & 1 == 0 { low[k] } else { high[k] }));
+        Self::measured((0..8).map(corner).collect(), 0.0)
+    }
+
+    /// Returns half the edge length (m) of a cube whose edges are parallel to the axes; `None` for any other shape.
+    pub(crate) fn cube_half(&self) -> Option<f64> {
+        let half = self.half.max();
+        if self.points.len() != 8 || self.radius != 0.0 || half <= 0.0 {
+            return None;
+        }
+        let mut corners = 0_u8;
+        for p in &self.points {
+            let v = p - self.center;
+            if !v.iter().all(|x| (x.abs() - half).abs() <= CUBE * half) {
+                return None;
+            }
+            corners |= 1 << (0..3).map(|k| usize::from(v[k] > 0.0) << k).sum::<usize>();
+        }
+        (corners == u8::MAX).then_some(half)
     }
 
     /// Creates a sphere of a radius (m) around `center`.

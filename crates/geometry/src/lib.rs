@@ -50,6 +50,7 @@ mod screen;
 mod self_collisions;
 mod srdf;
 mod urdf;
+mod voxels;
 mod xml;
 
 pub use builder::{JointBuilder, LinkBuilder, RobotBuilder};
@@ -76,3 +77,4 @@ pub use pose::{
 pub use robot::Robot;
 pub use screen::{Batch, Cover, Frames, LANES, Measure, Needs, Other, Points, Posing, Riders, Screen, Suspect};
 pub use self_collisions::{ALWAYS, LinkPair, LinkRelation, SAMPLES};
+pub use voxels::{VoxelGrid, cubes};

@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use gensim2_geometry::{
-    Batch, Convex, Corners, Cover, Joint, LANES, Link, Needs, Other, Pose, Riders, Robot, Screen, signed_distance,
+    Batch, Convex, Corners, Cover, Joint, LANES, Link, Needs, Other, Pose, Riders, Robot, Screen, VoxelGrid,
+    signed_distance,
 };
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -156,6 +157,78 @@ proptest! {
             prop_assert!(said[1][bodies.len()][lane] <= wanted.max(0.0) - 0.02 + 1e-9);
             prop_assert!(most[1][bodies.len()][lane] >= 0.0 || wanted < 0.02);
             prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01) == (wanted >= 0.01));
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn bounds_and_distances_of_voxels_are_those_of_their_boxes(
+        rough in prop::collection::vec(coordinates(0.12), 5..30),
+        q in prop::collection::vec((-3.0..3.0f64, -3.0..3.0f64, -0.2..0.2f64), LANES),
+        place in (coordinates(0.5), coordinates(3.0)),
+        (size, share, slab) in (0.02..0.09f64, 0.02..0.6f64, 0..9usize),
+        seed in any::<u32>(),
+    ) {
+        let robot = arm(&rough);
+        let stands = pose(place.0, place.1);
+        // Loose voxels and a solid slab, so that there are cubes of several sizes.
+        let grid = VoxelGrid::new([9, 8, 9], size, Point3::from([-4.5 * size; 3])).unwrap();
+        let mut state = u64::from(seed);
+        let occupied: Vec<bool> = (0..grid.count())
+            .map(|i| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                i % 9 < slab || (state >> 33) as f64 / f64::from(1_u32 << 31) < share
+            })
+            .collect();
+        let solids = grid.solids(&occupied).unwrap();
+        let voxels: Vec<Convex> = (0..grid.count())
+            .filter(|i| occupied[*i])
+            .map(|i| {
+                let at = [i / 72, i / 9 % 8, i % 9].map(|v| size * (v as f64 + 0.5 - 4.5));
+                Convex::cuboid([0.5 * size; 3], &pose(at, [0.0; 3])).unwrap().moved(&stands)
+            })
+            .collect();
+        let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+        let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), [(solids.as_slice(), &stands)]);
+        let mut batch = Batch::default();
+        for (lane, (a, b, c)) in q.iter().enumerate() {
+            batch.set(&screen, lane, &[*a, *b, *c]);
+        }
+        screen.place(&mut batch);
+        let needs = Needs { bodies: vec![0.01; 4], pairs: Vec::new() };
+        let mut said = [[0.1_f64; LANES]; 4];
+        let mut most = [[f64::INFINITY; LANES]; 4];
+        let mut others = Vec::new();
+        screen.survey(&mut batch, &needs, 0.1, |s| {
+            for lane in 0..LANES {
+                said[s.group][lane] = said[s.group][lane].min(f64::from(s.gap[lane]));
+                most[s.group][lane] = most[s.group][lane].min(f64::from(s.max_gap[lane]));
+            }
+            if !others.contains(&s.other) {
+                others.push(s.other);
+            }
+            true
+        });
+        let mut poses = Vec::new();
+        for (lane, (a, b, c)) in q.iter().enumerate() {
+            robot.link_poses(&[*a, *b, *c], &mut poses).unwrap();
+            for group in 1..4 {
+                let own = &robot.links()[group].shapes()[0];
+                let wanted = voxels.iter().map(|v| brute(own, &poses[group], v)).fold(f64::INFINITY, f64::min);
+                prop_assert!(said[group][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{group} {wanted}");
+                prop_assert!(most[group][lane] >= 0.0 || wanted < 0.01, "{group} {wanted}");
+                prop_assert!(wanted < 0.0 || most[group][lane] >= wanted - 0.01 - 1e-9, "{wanted}");
+                for keep in [0.0, 0.01, 0.05] {
+                    let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep));
+                    prop_assert!(kept == (wanted >= keep) || (wanted - keep).abs() < 1e-6, "{wanted} {keep}");
+                    let far = others.iter().map(|o| screen.distance(group, *o, &poses, keep)).fold(keep, f64::min);
+                    prop_assert!(wanted < 1e-6 || (far - wanted.min(keep)).abs() < 1e-6, "{far} {wanted}");
+                    // The depth in a merged cube is at least the depth in its deepest voxel.
+                    prop_assert!(wanted >= 0.0 || far <= wanted + 1e-6, "{far} {wanted}");
+                }
+            }
         }
     }
 }

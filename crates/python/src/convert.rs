@@ -1,8 +1,8 @@
 //! Conversion between Python and Rust values, with errors that name the argument.
 
-use gensim2_geometry::{Pose, Robot, pose_from_matrix, pose_to_matrix};
+use gensim2_geometry::{Pose, Robot, VoxelGrid, pose_from_matrix, pose_to_matrix};
 use nalgebra::{Matrix4, Point3, Vector3};
-use numpy::{PyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, ndarray};
+use numpy::{Element, PyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, ndarray};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Number, Value};
 
 use crate::KpamError;
-use crate::errors::problem_error;
+use crate::errors::{from_shape, problem_error};
 
 /// Tolerance for rigid transforms: simulators write poses in single precision.
 const RIGID: f64 = 1e-3;
@@ -96,6 +96,33 @@ pub(crate) fn points(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<Poin
         return Err(problem_error(field, format!("must have shape (N, 3), not {shape:?}")));
     }
     Ok(data.chunks_exact(3).map(|c| Point3::new(c[0], c[1], c[2])).collect())
+}
+
+/// Reads an array (nx, ny, nz) with the type `T`, whose entries `read` converts, and the grid of its voxels.
+pub(crate) fn grid<T: Element, U>(
+    value: &Bound<'_, PyAny>,
+    field: &str,
+    voxel_size: f64,
+    origin: Option<&Bound<'_, PyAny>>,
+    read: impl Fn(&T) -> U,
+) -> PyResult<(Vec<U>, VoxelGrid)> {
+    let origin = origin.map_or(Ok(Vector3::zeros()), |o| vector3(o, "origin"))?;
+    let numpy = value.py().import("numpy")?;
+    if numpy.getattr("ma")?.call_method1("is_masked", (value,))?.extract()? {
+        return Err(problem_error(field, "has masked entries; fill them"));
+    }
+    let array = numpy.call_method1("require", (value, value.py().None(), ["C", "A"]))?;
+    let array = array.cast::<PyArrayDyn<T>>().map_err(|_| {
+        let name = if field == "occupied" { "bool" } else { "float32 or float64" };
+        problem_error(field, format!("must be a NumPy array of {name}; convert it with astype"))
+    })?;
+    let array = array.try_readonly().map_err(|e| problem_error(field, format!("cannot be read: {e}")))?;
+    let view = array.as_array();
+    let &[nx, ny, nz] = view.shape() else {
+        return Err(problem_error(field, format!("must have shape (nx, ny, nz), not {:?}", view.shape())));
+    };
+    let grid = VoxelGrid::new([nx, ny, nz], voxel_size, Point3::from(origin)).map_err(|e| from_shape(&e))?;
+    Ok((view.iter().map(read).collect(), grid))
 }
 
 pub(crate) fn pose(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Pose> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use gensim2_geometry::{ALWAYS, Chain, ChainFrames, Convex, DynamicsScratch, Pose, Robot, SAMPLES, ShapeError};
 use gensim2_kpam::{Body, Cancel, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
-use numpy::{PyArray2, PyArray3, ndarray};
+use numpy::{PyArray2, PyArray3, PyArrayDyn, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
@@ -402,6 +402,63 @@ impl PyShape {
         Ok(Self(out))
     }
 
+    /// Returns the occupied voxels of a grid (nx, ny, nz) of bool as solid cubes with edges of `voxel_size` (m). Voxel
+    /// [0, 0, 0] begins at `origin` (3,), m, and extends along the axes of the body frame.
+    #[staticmethod]
+    #[pyo3(signature = (occupied, voxel_size, origin = None))]
+    fn voxels(
+        py: Python<'_>,
+        occupied: &Bound<'_, PyAny>,
+        voxel_size: f64,
+        origin: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (occupied, grid) = convert::grid(occupied, "occupied", voxel_size, origin, |v: &bool| *v)?;
+        solids(py, move || grid.solids(&occupied))
+    }
+
+    /// Returns solid cubes with edges of `sizes` (N,), m, or of one size, around `centers` (N, 3), m: the occupied leaves
+    /// of an octree.
+    #[staticmethod]
+    fn octree(py: Python<'_>, centers: &Bound<'_, PyAny>, sizes: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let centers = convert::points(centers, "centers")?;
+        let (sizes, shape) = convert::numbers(sizes, "sizes")?;
+        let sizes = match shape.as_slice() {
+            [] => vec![sizes[0]; centers.len()],
+            [_] => sizes,
+            _ => return Err(problem_error("sizes", format!("must be a number or have shape (N,), not {shape:?}"))),
+        };
+        solids(py, move || gensim2_geometry::cubes(&centers, &sizes))
+    }
+
+    /// Returns the obstacles of a signed distance field as solid cubes: each voxel whose distance is at most `threshold`
+    /// (default: half a voxel's diagonal), and each `unknown` voxel, whose distance is NaN.
+    #[staticmethod]
+    #[pyo3(
+        signature = (distances, voxel_size, origin = None, *, threshold = None, unknown = "occupied"),
+        text_signature = "(distances, voxel_size, origin=None, *, threshold=None, unknown='occupied')"
+    )]
+    fn sdf(
+        py: Python<'_>,
+        distances: &Bound<'_, PyAny>,
+        voxel_size: f64,
+        origin: Option<&Bound<'_, PyAny>>,
+        threshold: Option<f64>,
+        unknown: &str,
+    ) -> PyResult<Self> {
+        let unknown = match unknown {
+            "occupied" => true,
+            "free" => false,
+            other => return Err(problem_error("unknown", format!("must be \"occupied\" or \"free\", not {other:?}"))),
+        };
+        let (distances, grid) = if distances.cast::<PyArrayDyn<f32>>().is_ok() {
+            convert::grid(distances, "distances", voxel_size, origin, |v: &f32| f64::from(*v))?
+        } else {
+            convert::grid(distances, "distances", voxel_size, origin, |v: &f64| *v)?
+        };
+        let threshold = threshold.unwrap_or_else(|| grid.half_diagonal());
+        solids(py, move || grid.occupied(&distances, threshold, unknown).and_then(|occupied| grid.solids(&occupied)))
+    }
+
     #[staticmethod]
     fn _thaw(bytes: &[u8]) -> PyResult<Self> {
         convert::thaw(bytes).map(Self)
@@ -410,6 +467,11 @@ impl PyShape {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
     }
+}
+
+/// Computes the cubes of a grid, without the GIL.
+fn solids(py: Python<'_>, work: impl FnOnce() -> Result<Vec<Convex>, ShapeError> + Send) -> PyResult<PyShape> {
+    py.detach(work).map(PyShape).map_err(|e| from_shape(&e))
 }
 
 fn one(shape: Result<Convex, ShapeError>) -> PyResult<PyShape> {

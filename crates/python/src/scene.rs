@@ -129,6 +129,16 @@ impl PyScene {
         self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(|e| from_problem(&e))
     }
 
+    /// Returns the scene with another body, which replaces the body of the same name, if there is one.
+    fn with_body(&self, body: &Bound<'_, PyBody>) -> PyResult<Self> {
+        self.0.with_body(body.get().0.clone()).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// Returns the scene without a body.
+    fn without_body(&self, body: &str) -> PyResult<Self> {
+        self.0.without_body(body).map(Self).map_err(|e| from_problem(&e))
+    }
+
     /// Returns the scene with a body attached to the hand at joints `q`; object joints no longer move this body.
     fn attached(&self, body: &str, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         self.0.attached(body, &self.hand(q)?).map(Self).map_err(|e| from_problem(&e))
@@ -491,10 +501,7 @@ fn is_reach(value: f64, field: &str) -> PyResult<()> {
     Err(problem_error(field, format!("must lie in 0 to 10 m, not {value}")))
 }
 
-fn points(
-    py: Python<'_>,
-    map: std::collections::BTreeMap<String, nalgebra::Vector3<f64>>,
-) -> PyResult<Bound<'_, PyDict>> {
+fn points(py: Python<'_>, map: std::collections::BTreeMap<String, nalgebra::Vector3<f64>>) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
     for (name, p) in map {
         out.set_item(name, convert::array1(py, p.as_slice()))?;

@@ -178,9 +178,9 @@ impl Measure {
         poses[self.groups[group].0]
     }
 
-    /// Returns the distance between a group and a point cloud, at most `reach`. `measured` returns the distance of a
-    /// piece from a point, both in the link's frame, up to a limit. The likely closest points are measured first, and
-    /// points that are certainly further away are skipped.
+    /// Returns the distance between a group and a point cloud or voxels, at most `reach`. `measured` returns the distance
+    /// of a piece from an element's core, both in the link's frame, up to a limit. The likely closest elements are
+    /// measured first, and elements that are certainly further away are skipped.
     fn to_cloud(
         &self,
         group: usize,
@@ -193,16 +193,20 @@ impl Measure {
         let pose = &poses[*link];
         let back = pose.inverse();
         let (mut least, mut one, mut near) = (reach, Corners::default(), Vec::new());
+        let (outer, mut core) =
+            (cloud.radius + cloud.extent, cloud.core.iter().map(|v| nalgebra::Point3::from(*v)).collect::<Vec<_>>());
         for piece in pieces.iter() {
-            wide(Gather { piece, cloud, pose, back: &back, within: least.max(0.0) + cloud.radius, near: &mut near });
+            wide(Gather { piece, cloud, pose, back: &back, within: least.max(0.0) + outer, near: &mut near });
             if let Some(first) = (0..near.len()).min_by(|a, b| near[*a].0.total_cmp(&near[*b].0)) {
                 near.swap(0, first);
             }
             for (bound, at) in &near {
-                if f64::from(*bound) - ROUGH > least.max(0.0) + cloud.radius {
+                if f64::from(*bound) - ROUGH > least.max(0.0) + outer {
                     continue;
                 }
-                one.place(&[nalgebra::Point3::from(at.map(f64::from))], &back);
+                let center = nalgebra::Point3::from(at.map(f64::from));
+                core.iter_mut().zip(&cloud.core).for_each(|(p, offset)| *p = center + offset);
+                one.place(&core, &back);
                 least = least.min(measured(piece, &one, least));
                 if least == f64::NEG_INFINITY {
                     return least;

@@ -22,7 +22,7 @@ pub use exact::Measure;
 use exact::Piece;
 pub use links::Cover;
 use links::around;
-use points::PointGrid;
+use points::{Element, PointGrid};
 pub use posing::{Frames, Posing};
 use reach::Region;
 pub use solid::Points;
@@ -248,30 +248,31 @@ impl Screen {
         let mut boxes = Vec::new();
         for (body, (shapes, pose)) in bodies.into_iter().enumerate() {
             out.bodies = body + 1;
-            match as_cloud(shapes, pose) {
-                Some((points, radius)) => {
-                    let from_base = |p: &Point3<f64>| p.coords.norm() - radius;
-                    let (near, far): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| from_base(p) < reach + BEYOND);
-                    if !near.is_empty() {
-                        out.clouds.push(PointGrid::new(body, &near, radius, 0.0));
-                    }
-                    if !far.is_empty() {
-                        // The margin of 1 cm covers rounding errors of single precision up to a distance of 1 km.
-                        let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
-                        out.clouds.push(PointGrid::new(body, &far, radius, least as f32));
-                    }
+            let (grids, others) = gridded(shapes, pose);
+            for (points, element) in grids {
+                let outer = match element {
+                    Element::Ball(radius) => radius,
+                    Element::Cube(half, _) => half * 3.0_f64.sqrt(),
+                };
+                let from_base = |p: &Point3<f64>| p.coords.norm() - outer;
+                let (near, far): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| from_base(p) < reach + BEYOND);
+                if !near.is_empty() {
+                    out.clouds.push(PointGrid::new(body, &near, &element, 0.0));
                 }
-                None => {
-                    for shape in shapes {
-                        let placed = shape.moved(pose);
-                        boxes.push(placed.aabb_at(&Pose::identity()));
-                        let solid = Solid::of(&placed);
-                        out.looseness.push(solid.looseness(&placed));
-                        out.solids.push(solid);
-                        out.body_of.push(body);
-                        out.measure.add(&placed);
-                    }
+                if !far.is_empty() {
+                    // The margin of 1 cm covers rounding errors of single precision up to a distance of 1 km.
+                    let least = far.iter().map(from_base).fold(f64::INFINITY, f64::min) - 0.01;
+                    out.clouds.push(PointGrid::new(body, &far, &element, least as f32));
                 }
+            }
+            for shape in others {
+                let placed = shape.moved(pose);
+                boxes.push(placed.aabb_at(&Pose::identity()));
+                let solid = Solid::of(&placed);
+                out.looseness.push(solid.looseness(&placed));
+                out.solids.push(solid);
+                out.body_of.push(body);
+                out.measure.add(&placed);
             }
         }
         // Joint values are compared with `travels` in single precision, so the regions allow for rounding.
@@ -399,11 +400,46 @@ impl Screen {
     }
 }
 
-/// Returns the points and the radius of a body that consists of many spheres of equal radius.
-fn as_cloud(shapes: &[Convex], pose: &Pose) -> Option<(Vec<Point3<f64>>, f64)> {
-    const FEW: usize = 32;
-    let radius = shapes.first()?.radius();
-    let one = |s: &Convex| s.points().len() == 1 && s.radius() == radius;
-    (shapes.len() > FEW && shapes.iter().all(one))
-        .then(|| (shapes.iter().map(|s| pose * s.points()[0]).collect(), radius))
+/// Minimum number of equal spheres or cubes for which a grid is faster than separate shapes.
+const MANY: usize = 33;
+
+/// Centres (base frame) and shape of equal elements of a body.
+type Equal = (Vec<Point3<f64>>, Element);
+
+/// Returns the elements of a body that are sorted into grids, and its other shapes. Grids hold the points of a cloud, or
+/// the voxels of a body, by size.
+fn gridded<'a>(shapes: &'a [Convex], pose: &Pose) -> (Vec<Equal>, Vec<&'a Convex>) {
+    let Some(first) = shapes.first().filter(|_| shapes.len() >= MANY) else {
+        return (Vec::new(), shapes.iter().collect());
+    };
+    let radius = first.radius();
+    if shapes.iter().all(|s| s.points().len() == 1 && s.radius() == radius) {
+        return (vec![(shapes.iter().map(|s| pose * s.points()[0]).collect(), Element::Ball(radius))], Vec::new());
+    }
+    let (mut sizes, mut others): (Vec<(f64, Vec<&Convex>)>, Vec<&Convex>) = (Vec::new(), Vec::new());
+    for shape in shapes {
+        let Some(half) = shape.cube_half() else {
+            others.push(shape);
+            continue;
+        };
+        // Halves differ by rounding, so the grid uses the largest half.
+        if let Some((most, same)) = sizes.iter_mut().find(|(h, _)| (*h - half).abs() <= 1e-6 * half) {
+            *most = most.max(half);
+            same.push(shape);
+        } else if sizes.len() < SIZES {
+            sizes.push((half, vec![shape]));
+        } else {
+            others.push(shape);
+        }
+    }
+    let (many, few): (Vec<_>, Vec<_>) = sizes.into_iter().partition(|(_, same)| same.len() >= MANY);
+    others.extend(few.into_iter().flat_map(|(_, same)| same));
+    let grids = many.into_iter().map(|(half, same)| {
+        let centers = same.iter().map(|s| pose * s.center()).collect();
+        (centers, Element::Cube(half, pose.rotation))
+    });
+    (grids.collect(), others)
 }
+
+/// Maximum number of sizes of cubes that are distinguished in a body; voxels have one size for each level of an octree.
+const SIZES: usize = 24;

@@ -1,7 +1,8 @@
-//! Point clouds as obstacles, sorted into a grid. Its corners store lower bounds of the distance to the nearest point.
+//! Point clouds and voxels as obstacles, sorted into a grid. Its corners store lower bounds of the distance to the
+//! nearest point, or to the nearest centre of a voxel.
 
 use crate::lanes::{F32x8, WIDTH};
-use nalgebra::Point3;
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::solid::Points;
 use crate::Aabb;
@@ -19,13 +20,32 @@ const RUN: usize = 8;
 /// Relative error of a squared distance in single precision.
 const ROUNDING: f32 = 1e-6;
 
-/// Points of equal radius, sorted into the cells of the grid that encloses them.
+/// Relative rounding error of a position in single precision, in any direction.
+const PLACED: f64 = 1.1e-7;
+
+/// Shape of the elements of a grid around their centres.
+#[derive(Debug, Clone)]
+pub(crate) enum Element {
+    /// Spheres of a radius (m).
+    Ball(f64),
+    /// Cubes with half an edge length (m), and the rotation of their axes in the base frame.
+    Cube(f64, Rotation3<f64>),
+}
+
+/// Spheres or cubes of equal size, sorted into the cells of the grid that encloses their centres.
 #[derive(Debug, Clone)]
 pub(crate) struct PointGrid {
     /// Index of the body to which the points belong.
     pub body: usize,
-    /// Radius of every point (m).
+    /// Radius (m) by which every element's core is enlarged: the radius of spheres, whose core is a point, and 0 for
+    /// cubes, which are their own core.
     pub radius: f64,
+    /// Vertices of the core relative to its centre (m, base axes): one for spheres, eight for cubes.
+    pub core: Vec<Vector3<f64>>,
+    /// Maximum distance (m) of a point of the core from its centre; 0 for spheres.
+    pub extent: f64,
+    /// Half the edge length (m) of cubes, and the rotation from base axes to their axes.
+    cube: Option<(f32, [[f32; 3]; 3])>,
     /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 if unknown.
     pub from_base: f32,
     lanes: Vec<Points>,
@@ -54,12 +74,16 @@ impl Extent {
 }
 
 impl PointGrid {
-    /// Creates the grid of a cloud in the base frame; `from_base` has the meaning of the field.
-    pub fn new(body: usize, points: &[Point3<f64>], radius: f64, from_base: f32) -> Self {
+    /// Creates the grid of elements with these centres (base frame); `from_base` has the meaning of the field.
+    pub fn new(body: usize, points: &[Point3<f64>], element: &Element, from_base: f32) -> Self {
         let bounds = Aabb::around(points, 0.0);
         let span = bounds.max - bounds.min;
         let count = |cell: f64| (0..3).map(move |k| (span[k] / cell).floor() + 1.0);
-        let mut cell = CELL;
+        let mut cell = match element {
+            Element::Ball(_) => CELL,
+            // A cell smaller than a cube would have empty lanes.
+            Element::Cube(half, _) => CELL.max(2.0 * half),
+        };
         while count(cell).product::<f64>() > MAX_CELLS {
             cell *= 1.5;
         }
@@ -68,9 +92,26 @@ impl PointGrid {
             *d = n as usize;
         }
         let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
+        let (mut radius, mut core, mut extent, mut cube) = (0.0, vec![Vector3::zeros()], 0.0, None);
+        match element {
+            Element::Ball(r) => radius = *r,
+            Element::Cube(half, axes) => {
+                // Centres are stored in single precision; the enlarged cube contains the cube that was given.
+                let half = half + PLACED * size;
+                let corner = |i: usize| Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -half } else { half });
+                core = (0..8).map(|i| axes * corner(i)).collect();
+                extent = half * 3.0_f64.sqrt();
+                let turn = axes.inverse();
+                let row = |r: usize| [0, 1, 2].map(|c| turn.matrix()[(r, c)] as f32);
+                cube = Some((half as f32, [row(0), row(1), row(2)]));
+            }
+        }
         let mut out = Self {
             body,
             radius,
+            core,
+            extent,
+            cube,
             from_base,
             lanes: Vec::new(),
             starts: Vec::new(),
@@ -198,13 +239,13 @@ impl PointGrid {
         clamp(0) + self.dims[0] * (clamp(1) + self.dims[1] * clamp(2))
     }
 
-    /// Distance (m) from a point's centre up to which a position may touch the point, rounding included.
+    /// Distance (m) from an element's core up to which a position may touch the element, rounding included.
     #[inline(always)]
     pub fn ball(&self) -> f32 {
         self.radius as f32 + self.slack
     }
 
-    /// Distance (m) from a point's centre below which a position certainly touches the point.
+    /// Distance (m) from an element's core below which a position certainly touches the element.
     #[inline(always)]
     pub fn inner_ball(&self) -> f32 {
         self.radius as f32 - self.slack
@@ -258,10 +299,19 @@ impl PointGrid {
         let between = near + (far - near) * z;
         let bend = x * (F32x8::ONE - x) + y * (F32x8::ONE - y) + z * (F32x8::ONE - z);
         squared = squared + between - bend * (cell * cell);
-        squared.max(F32x8::ZERO).sqrt() - F32x8::splat(self.ball())
+        squared.max(F32x8::ZERO).sqrt() - F32x8::splat(self.ball() + self.extent as f32)
     }
 
-    /// Returns the distance (m) from a position to the centre of the nearest point, if it is less than `within`.
+    /// Returns the squared distance (m²) from the differences between eight centres and a position to the cores.
+    #[inline(always)]
+    fn to_core(&self, [a, b, c]: [F32x8; 3]) -> F32x8 {
+        let Some((half, axes)) = &self.cube else { return a * a + b * b + c * c };
+        let beyond = |[x, y, z]: [f32; 3]| ((a * x + b * y + c * z).abs() - F32x8::splat(*half)).max(F32x8::ZERO);
+        let [x, y, z] = axes.map(beyond);
+        x * x + y * y + z * z
+    }
+
+    /// Returns the distance (m) from a position to the nearest core, 0 inside it, if it is less than `within`.
     #[inline(always)]
     pub fn nearest(&self, p: [f32; 3], within: f32) -> Option<f32> {
         if !p.iter().all(|v| v.is_finite()) {
@@ -273,6 +323,10 @@ impl PointGrid {
         let [x, y, z] = p.map(F32x8::splat);
         let mut least = F32x8::splat(within * within);
         let mut most = within * within;
+        // Squared distance up to which a centre may belong to a core that is closer than the square root of `most`.
+        let extent = self.extent as f32;
+        let widened = |most: f32| if extent > 0.0 { (most.sqrt() + extent).powi(2) } else { most };
+        let mut centers = widened(most);
         // Cells along an axis that lie within this radius, with a margin for rounding.
         let range = |k: usize, radius: f32| {
             let (low, high) = (at[k] - radius * inverse - 1e-3, at[k] + radius * inverse + 1e-3);
@@ -284,18 +338,18 @@ impl PointGrid {
             let c = c as f32;
             (c - at[k] - 1e-3).max(at[k] - c - 1.0 - 1e-3).max(0.0) * cell
         };
-        let (planes, rows) = (range(2, within), range(1, within));
+        let (planes, rows) = (range(2, within + extent), range(1, within + extent));
         for k in outwards(at[2], planes) {
             let above = gap(2, k).powi(2);
-            if above >= most {
+            if above >= centers {
                 continue;
             }
             for j in outwards(at[1], rows) {
                 let aside = above + gap(1, j).powi(2);
-                if aside >= most {
+                if aside >= centers {
                     continue;
                 }
-                let (from, to) = range(0, (most - aside).sqrt());
+                let (from, to) = range(0, (centers - aside).sqrt());
                 if from > to {
                     continue;
                 }
@@ -306,10 +360,10 @@ impl PointGrid {
                     continue;
                 }
                 for [a, b, c] in &self.lanes[blocks] {
-                    let (a, b, c) = (*a - x, *b - y, *c - z);
-                    least = least.min(a * a + b * b + c * c);
+                    least = least.min(self.to_core([*a - x, *b - y, *c - z]));
                 }
                 most = least.to_array().into_iter().fold(most, |m, d| if d < m { d } else { m });
+                centers = widened(most);
             }
         }
         (most < within * within).then(|| most.sqrt())
@@ -381,7 +435,7 @@ mod tests {
             within in 0.001..1.0f32,
         ) {
             let points: Vec<Point3<f64>> = cloud.iter().map(|p| Point3::from(*p)).collect();
-            let grid = PointGrid::new(0, &points, 0.01, 0.0);
+            let grid = PointGrid::new(0, &points, &Element::Ball(0.01), 0.0);
             let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min);
             let found = f64::from(grid.bounds(&at.map(|v| F32x8::splat(v as f32))).to_array()[5]);
             prop_assert!(found <= wanted - 0.01 + 1e-7, "{found} {wanted}");
@@ -402,7 +456,7 @@ mod tests {
                 .map(|k| Point3::new(0.0, f64::from(k % 100) * 0.01, f64::from(k / 100) * 0.01))
                 .chain([-0.3 - shift, 0.5].map(|x| Point3::new(x, 0.0, 0.0)))
                 .collect();
-            let grid = PointGrid::new(0, &points, 0.0, 0.0);
+            let grid = PointGrid::new(0, &points, &Element::Ball(0.0), 0.0);
             let found = f64::from(grid.bounds(&[x, y, z].map(|v| F32x8::splat(v as f32))).to_array()[2]);
             prop_assert!(found <= x.hypot(0.0072) && (x < 0.04 || found > x - 0.015), "{found} {x}");
         }

@@ -258,6 +258,33 @@ impl Scene {
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, joints.collect()))
     }
 
+    /// Returns the scene with another body, which replaces the body of the same name, if there is one; object joints
+    /// that move the former body move the new one.
+    ///
+    /// The scene shares all other bodies with this one, so that a sensed map can be replaced in every cycle.
+    ///
+    /// # Errors
+    /// The name is that of a link.
+    pub fn with_body(&self, body: Body) -> Result<Self, ProblemError> {
+        let mut bodies: Vec<Body> = self.bodies.to_vec();
+        match bodies.iter_mut().find(|b| b.name == body.name) {
+            Some(former) => *former = body,
+            None => bodies.push(body),
+        }
+        let scene = Self::of_parts(Arc::clone(&self.robot), bodies.into(), Arc::clone(&self.joints));
+        scene.check().map(|()| scene)
+    }
+
+    /// Returns the scene without a body; object joints that moved the body no longer do.
+    ///
+    /// # Errors
+    /// The body does not exist.
+    pub fn without_body(&self, name: &str) -> Result<Self, ProblemError> {
+        self.body(name)?;
+        let bodies: Vec<Body> = self.bodies.iter().filter(|b| b.name != name).cloned().collect();
+        Ok(Self::of_parts(Arc::clone(&self.robot), bodies.into(), self.carrying(name, None)))
+    }
+
     /// Returns the scene with a body at another pose in the base frame, or in the hand frame if it is attached.
     ///
     /// # Errors
