@@ -184,7 +184,7 @@ class Robot:
         """(n,) torque limits, N m (N for sliding joints); infinity if the URDF gives none."""
     @property
     def mass(self) -> float:
-        """Total mass of all links, kg."""
+        """Total mass of all links and of the payload (:meth:`Scene.with_payload`), kg."""
     def inverse_dynamics(
         self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Numbers = (0.0, 0.0, -9.81)
     ) -> Array:
@@ -496,6 +496,31 @@ class Scene:
         """
     def without_body(self, body: str) -> Scene:
         """Return the scene without a body; object joints no longer move the body."""
+    def with_payload(
+        self, mass: float, center_of_mass: Numbers = (0.0, 0.0, 0.0), inertia: Numbers | None = None
+    ) -> Scene:
+        """Return the scene with a payload in the hand, which replaces an earlier payload.
+
+        The payload belongs to the dynamics of ``scene.robot``: to :meth:`Robot.inverse_dynamics`, and to motions with
+        ``torque_limits``. A heavier payload makes these motions slower. If a joint cannot hold the payload, the status
+        of the motion is "overloaded", and its reason names the joint, the torque and the limit. The payload has no
+        shape: attach a body for collision checks.
+
+        Args:
+            mass: mass, kg; 0 removes the payload.
+            center_of_mass: (3,) in the frame of the hand's link, m.
+            inertia: (3, 3) about the centre of mass, in axes of the hand's link, kg m²; default: a point mass.
+
+        Raises:
+            ProblemError: a number is not finite, the mass is negative, or the inertia is not symmetric and positive
+                semidefinite.
+
+        Example:
+            ```python
+            loaded = scene.attached("cup", q).with_payload(1.2, [0.0, 0.0, 0.12])
+            motion = loaded.plan_to(q, q_goal, torque_limits=scene.robot.effort)
+            ```
+        """
     def attached(self, body: str, q: Numbers) -> Scene:
         """Return the scene with a body attached to the hand at joints ``q`` (n,); object joints no longer move
         the body."""
@@ -824,8 +849,8 @@ class Motion:
     @property
     def status(self) -> MotionStatus:
         """ "solved", or the failure: "start_blocked", "goals_blocked", "unreachable", "not_found", "untimed" (a
-        collision-free path was found, but no motion along it within the limits), "late" (the deadline passed),
-        "cancelled"."""
+        collision-free path was found, but no motion along it within the limits), "overloaded" (a torque limit does not
+        suffice to hold the robot and its payload), "late" (the deadline passed), "cancelled"."""
     @property
     def reason(self) -> str:
         """Explanation of a failure in one sentence; empty if solved."""

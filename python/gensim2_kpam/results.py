@@ -54,6 +54,8 @@ class MotionStatus(StrEnum):
     """The search ended without a motion; one may exist."""
     UNTIMED = "untimed"
     """A collision-free path was found, but no motion along it within the limits."""
+    OVERLOADED = "overloaded"
+    """A torque limit does not suffice to hold the robot and its payload at the start, at the goal, or on the path."""
     CANNOT_STOP = "cannot_stop"
     """No motion from the start state stays within the joints' limits."""
     LATE = "late"

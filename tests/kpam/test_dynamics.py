@@ -157,3 +157,63 @@ def test_motions_of_an_arm_of_seven_joints_keep_the_research_3s_limits(panda: kp
         assert (v[:, :7] <= up * (1 + 1e-6) + 1e-8).all()
         assert (-v[:, :7] <= down * (1 + 1e-6) + 1e-8).all()
     assert seen >= 3
+
+
+def test_torques_with_a_payload_are_those_of_an_added_body(ur5: kpam.Robot) -> None:
+    pin = pytest.importorskip("pinocchio")
+    draw = np.random.default_rng(8)
+    for _ in range(10):
+        mass, center = draw.uniform(0.1, 5.0), draw.uniform(-0.2, 0.2, 3)
+        root = draw.normal(0, 0.1, (3, 3))
+        inertia = root @ root.T
+        model = pin.buildModelFromUrdf(str(UR5))
+        flange = model.frames[model.getFrameId("flange")]
+        model.appendBodyToJoint(flange.parentJoint, pin.Inertia(mass, center, inertia), flange.placement)
+        data = model.createData()
+        loaded = kpam.Scene(ur5).with_payload(mass, center, inertia).robot
+        assert loaded.mass == pytest.approx(ur5.mass + mass)
+        for _ in range(10):
+            q, v, a = draw.uniform(-2, 2, 6), draw.normal(0, 2, 6), draw.normal(0, 5, 6)
+            np.testing.assert_allclose(loaded.inverse_dynamics(q, v, a), pin.rnea(model, data, q, v, a), atol=1e-9)
+
+
+def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
+    pin = pytest.importorskip("pinocchio")
+    scene = kpam.Scene(ur5)
+    start, goal = [0.8, -1.2, 1.5, -1.9, -1.6, 0.0], [-0.8, -0.6, 1.0, -1.9, -1.6, 0.0]
+    center = [0.02, 0.0, 0.08]
+    limits = np.array([60.0, 90.0, 60.0, 20.0, 20.0, 20.0])
+    empty = scene.plan_to(start, goal, torque_limits=limits, acceleration_limits=[30.0] * 6).trajectory
+    assert empty is not None
+    last = empty.duration
+    for mass in (2.0, 5.0):
+        loaded = scene.with_payload(1.0).with_payload(mass, center)  # the second payload replaces the first
+        motion = loaded.plan_to(start, goal, torque_limits=limits, acceleration_limits=[30.0] * 6).trajectory
+        assert motion is not None
+        assert motion.duration > last
+        last = motion.duration
+        model = pin.buildModelFromUrdf(str(UR5))
+        flange = model.frames[model.getFrameId("flange")]
+        added = pin.Inertia(mass, np.array(center), np.zeros((3, 3)))
+        model.appendBodyToJoint(flange.parentJoint, added, flange.placement)
+        data = model.createData()
+        for q, v, a in zip(*motion.sample(np.linspace(0, motion.duration, 1000)), strict=True):
+            assert (np.abs(pin.rnea(model, data, q, v, a)) <= limits * (1 + 1e-6)).all()
+    refused = scene.with_payload(30.0, center).plan_to(start, goal, torque_limits=limits)
+    assert (refused.status, refused.trajectory) == ("overloaded", None)
+    torque = scene.with_payload(30.0, center).robot.inverse_dynamics(start, np.zeros(6), np.zeros(6))
+    worst = int(np.argmax(np.abs(torque) / limits))
+    for part in ("at the start", ur5.joint_names[worst], f"{abs(torque[worst]):.2f}", f"{limits[worst]:.2f}"):
+        assert part in refused.reason
+    # Without a payload, the plan is the one of the scene.
+    again = (
+        scene.with_payload(5.0)
+        .with_payload(0.0)
+        .plan_to(start, goal, torque_limits=limits, acceleration_limits=[30.0] * 6)
+    )
+    assert again.trajectory is not None
+    np.testing.assert_array_equal(again.trajectory.positions, empty.positions)
+    with pytest.raises(kpam.ProblemError, match="mass"):
+        scene.with_payload(-1.0)
+    with pytest.raises(kpam.ProblemError, match="inertia"):
+        scene.with_payload(1.0, inertia=-np.eye(3))

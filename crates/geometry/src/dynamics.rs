@@ -4,6 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::link::FURTHEST;
 use crate::{JointCountError, JointKind, Pose, Robot, RobotError};
 
 /// Mass properties of a link.
@@ -27,6 +28,23 @@ impl Inertia {
         }
         if (self.tensor - self.tensor.transpose()).amax() > 1e-9 * self.tensor.amax() {
             return fail("its tensor must be symmetric");
+        }
+        Ok(())
+    }
+
+    /// Validates the mass properties of an object in the hand.
+    pub(crate) fn check_payload(&self) -> Result<(), RobotError> {
+        let fail = |field: &str, message: String| Err(RobotError::new(field, message));
+        if !(self.mass.is_finite() && self.mass >= 0.0) {
+            return fail("mass", format!("must be finite and at least 0 kg, not {}", self.mass));
+        }
+        if !self.center.iter().all(|v| v.abs() <= FURTHEST) {
+            return fail("center_of_mass", format!("{:?} is not within {FURTHEST} m", self.center.as_slice()));
+        }
+        let (tensor, size) = (&self.tensor, self.tensor.amax());
+        let symmetric = (tensor - tensor.transpose()).amax() <= 1e-9 * size;
+        if !(size.is_finite() && symmetric && tensor.symmetric_eigenvalues().min() >= -1e-9 * size) {
+            return fail("inertia", "must be finite, symmetric and positive semidefinite (kg m^2)".to_owned());
         }
         Ok(())
     }
@@ -56,14 +74,14 @@ pub struct DynamicsScratch {
 }
 
 impl Robot {
-    /// Sum of the masses of all links (kg).
+    /// Sum of the masses of all links and of the payload (kg).
     #[must_use]
     pub fn mass(&self) -> f64 {
-        self.links().iter().filter_map(|l| l.inertia()).map(|i| i.mass).sum()
+        self.links().iter().filter_map(|l| l.inertia()).chain(self.payload()).map(|i| i.mass).sum()
     }
 
     /// Writes into `out` the torque (N m; N for sliding joints) of each joint for the given positions, velocities and
-    /// accelerations under gravity. Links without inertia are massless; friction and motor inertia are ignored. Joints
+    /// accelerations under gravity, including the payload. Links without inertia are massless; friction and motor inertia are ignored. Joints
     /// that follow others are treated as independent.
     ///
     /// # Errors
@@ -108,13 +126,15 @@ impl Robot {
                     }
                 }
             }
-            if let Some(inertia) = link.inertia() {
+            let payload = self.payload().filter(|_| l == self.hand());
+            for inertia in link.inertia().into_iter().chain(payload) {
                 let center = pose.rotation * inertia.center;
                 let turned = pose.rotation.matrix() * inertia.tensor * pose.rotation.matrix().transpose();
                 let at_center =
                     now.acceleration + now.turn_rate.cross(&center) + now.turn.cross(&now.turn.cross(&center));
-                now.force = inertia.mass * at_center;
-                now.moment = turned * now.turn_rate + now.turn.cross(&(turned * now.turn)) + center.cross(&now.force);
+                let force = inertia.mass * at_center;
+                now.force += force;
+                now.moment += turned * now.turn_rate + now.turn.cross(&(turned * now.turn)) + center.cross(&force);
             }
             links.push(now);
         }
@@ -171,6 +191,47 @@ mod tests {
             - m2 * l1 * l2 * s2 * (v[0] + v[1]) * (v[0] + v[1])
             + (m1 + m2) * l1 * g * c1;
         assert!((out[0] - first).abs() < 1e-12 && (out[1] - second).abs() < 1e-12, "{out:?} {first} {second}");
+    }
+
+    #[test]
+    fn a_payload_adds_the_torques_of_a_link_of_its_mass() {
+        let tensor = Matrix3::new(0.02, 0.001, 0.0, 0.001, 0.03, -0.002, 0.0, -0.002, 0.01);
+        let cup = Inertia { mass: 1.5, center: Vector3::new(0.1, -0.05, 0.2), tensor };
+        let own = Inertia { mass: 2.0, center: Vector3::new(0.1, 0.0, 0.0), tensor: 0.5 * tensor };
+        let built = |with: bool| {
+            let mut robot = Robot::builder("two")
+                .link(Link::base("base"))
+                .link(Link::below("base", "one").moved_by(Joint::revolute("a", Vector3::z())))
+                .link(
+                    Link::below("one", "two")
+                        .at(Pose::translation(0.4, 0.1, 0.0))
+                        .moved_by(Joint::prismatic("b", Vector3::y()))
+                        .inertia(own),
+                );
+            if with {
+                robot = robot.link(Link::below("two", "cup").inertia(cup));
+            }
+            robot.build("two").unwrap()
+        };
+        let (bare, wanted) = (built(false), built(true));
+        let loaded = bare.with_payload(Some(cup)).unwrap();
+        assert_eq!((loaded.mass(), bare.mass()), (3.5, 2.0));
+        let torques = |robot: &Robot| {
+            let mut out = Vec::new();
+            let state = [&[0.3, -0.8][..], &[1.2, -0.7], &[2.0, 3.5]];
+            robot.inverse_dynamics(state, &GRAVITY, &mut DynamicsScratch::default(), &mut out).unwrap();
+            out
+        };
+        let (found, wanted) = (torques(&loaded), torques(&wanted));
+        assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?} {wanted:?}");
+        assert_eq!(torques(&loaded.with_payload(None).unwrap()), torques(&bare));
+        for (field, bad) in [
+            ("mass", Inertia { mass: f64::NAN, ..cup }),
+            ("center_of_mass", Inertia { center: Vector3::new(0.0, f64::INFINITY, 0.0), ..cup }),
+            ("inertia", Inertia { tensor: -tensor, ..cup }),
+        ] {
+            assert_eq!(bare.with_payload(Some(bad)).unwrap_err().field, field);
+        }
     }
 
     #[test]

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{
-    Chain, ChainFrames, Cover, Description, Joint, JointCountError, JointKind, Link, Mimic, Pose, RobotBuilder,
-    RobotError, UrdfError, checked_pairs, file, srdf, urdf, xml,
+    Chain, ChainFrames, Cover, Description, Inertia, Joint, JointCountError, JointKind, Link, Mimic, Pose,
+    RobotBuilder, RobotError, UrdfError, checked_pairs, file, srdf, urdf, xml,
 };
 
 /// A robot arm: a tree of links and joints.
@@ -30,6 +30,9 @@ pub struct Robot {
     /// The pairs of `allowed` that are unchecked only because they overlap in almost all configurations.
     #[serde(default)]
     unchecked: Vec<(usize, usize)>,
+    /// Mass properties of the object that the hand carries, in the frame of the hand's link.
+    #[serde(default)]
+    payload: Option<Inertia>,
     /// Spheres around the links.
     #[serde(skip)]
     cover: Computed<Arc<Cover>>,
@@ -145,7 +148,7 @@ impl Robot {
         let chain = Chain::new(&links, &joints, hand);
         let (allowed, unchecked) = (Vec::new(), Vec::new());
         let (cover, close) = (Computed::default(), Computed::default());
-        Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, cover, close }
+        Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, payload: None, cover, close }
     }
 
     /// Creates a robot from parts that are not validated. Links are never checked against each other if they are a pair
@@ -160,7 +163,8 @@ impl Robot {
         // The chain is empty until the tree has been validated.
         let (chain, unchecked) = (Chain::default(), Vec::new());
         let (cover, close) = (Computed::default(), Computed::default());
-        let mut robot = Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, cover, close };
+        let mut robot =
+            Self { name, links, joints, hand, chain, planned: None, allowed, unchecked, payload: None, cover, close };
         robot.check_tree()?;
         robot.chain = Chain::new(&robot.links, &robot.joints, hand);
         robot.allow_neighbours(true);
@@ -224,7 +228,7 @@ impl Robot {
         if !in_order || self.allowed.iter().any(|(a, b)| a > b || *b >= self.links.len()) {
             return fail("allowed pairs", "must be pairs of links, in order");
         }
-        Ok(())
+        self.payload.iter().try_for_each(Inertia::check_payload)
     }
 
     /// Validates a list of joints that planning moves.
@@ -293,6 +297,23 @@ impl Robot {
     #[must_use]
     pub fn joints(&self) -> &[Joint] {
         &self.joints
+    }
+
+    /// Returns the robot with an object in its hand, which replaces an earlier payload; `None` removes the payload. Only
+    /// the dynamics change: the shape of the object is a body of the scene.
+    ///
+    /// # Errors
+    /// A number is not finite, the mass is negative, the centre of mass is more than 1,000 m away, or the tensor is not
+    /// symmetric and positive semidefinite.
+    pub fn with_payload(&self, payload: Option<Inertia>) -> Result<Self, RobotError> {
+        payload.iter().try_for_each(Inertia::check_payload)?;
+        Ok(Self { payload, ..self.clone() })
+    }
+
+    /// Mass properties of the object that the hand carries, in the frame of the hand's link.
+    #[must_use]
+    pub fn payload(&self) -> Option<&Inertia> {
+        self.payload.as_ref()
     }
 
     /// Index of the hand's link.

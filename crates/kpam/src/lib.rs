@@ -106,7 +106,9 @@ pub use plan::{
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
-pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
+pub use timing::{
+    Braking, CannotStop, Limits, Method, Overload, RetimeOptions, Retimed, Sample, Trajectory, retime,
+};
 pub use transit::{
     Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, PathTolerance, TimedMotion, TransitOptions,
     plan_along, plan_to, plan_to_many, solutions,

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use gensim2_geometry::{ChainFrames, LANES, Pose};
+use gensim2_geometry::{ChainFrames, Inertia, LANES, Pose};
 use gensim2_kpam::{Cancel, Checker, GraspTask, IkOptions, Nearness, PathTolerance, ProblemError, Scene, SceneJoint};
+use nalgebra::{Matrix3, Vector3};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -137,6 +138,29 @@ impl PyScene {
     /// Returns the scene without a body.
     fn without_body(&self, body: &str) -> PyResult<Self> {
         self.0.without_body(body).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// Returns the scene with a payload in the hand: its mass (kg), centre of mass (3,), m, and inertia (3, 3), kg m²,
+    /// about the centre of mass, in the frame of the hand's link. It replaces an earlier payload.
+    #[pyo3(
+        signature = (mass, center_of_mass = None, inertia = None),
+        text_signature = "($self, mass, center_of_mass=(0.0, 0.0, 0.0), inertia=None)"
+    )]
+    fn with_payload(
+        &self,
+        mass: f64,
+        center_of_mass: Option<&Bound<'_, PyAny>>,
+        inertia: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let center = center_of_mass.map_or(Ok(Vector3::zeros()), |c| convert::vector3(c, "center_of_mass"))?;
+        let tensor = match inertia {
+            None => Matrix3::zeros(),
+            Some(inertia) => match convert::numbers(inertia, "inertia")? {
+                (data, shape) if shape == [3, 3] => Matrix3::from_row_slice(&data),
+                (_, shape) => return Err(problem_error("inertia", format!("must have shape (3, 3), not {shape:?}"))),
+            },
+        };
+        self.0.with_payload(Some(Inertia { mass, center, tensor })).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// Returns the scene with a body attached to the hand at joints `q`; object joints no longer move this body.
@@ -501,7 +525,7 @@ fn is_reach(value: f64, field: &str) -> PyResult<()> {
     Err(problem_error(field, format!("must lie in 0 to 10 m, not {value}")))
 }
 
-fn points(py: Python<'_>, map: std::collections::BTreeMap<String, nalgebra::Vector3<f64>>) -> PyResult<Bound<'_, PyDict>> {
+fn points(py: Python<'_>, map: std::collections::BTreeMap<String, Vector3<f64>>) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
     for (name, p) in map {
         out.set_item(name, convert::array1(py, p.as_slice()))?;

@@ -33,6 +33,7 @@ impl PyMotion {
             Err(NoMotion::CannotStop(..)) => "cannot_stop",
             Err(NoMotion::Late) => "late",
             Err(NoMotion::Cancelled) => "cancelled",
+            Err(NoMotion::Overloaded(..)) => "overloaded",
             Err(_) => "not_found",
         }
     }

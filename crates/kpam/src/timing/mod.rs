@@ -47,5 +47,6 @@ pub use stop::CannotStop;
 pub(crate) use stop::{Phase, State, can_stop, go_on, stop, stopping};
 pub use time_scaling::Method;
 pub(crate) use torque::Dynamics;
+pub use torque::Overload;
 pub(crate) use trajectory::{Builder, Refusal};
 pub use trajectory::{Sample, Trajectory};

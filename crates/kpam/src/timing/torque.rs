@@ -7,6 +7,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{DynamicsScratch, GRAVITY, Robot};
+use serde::{Deserialize, Serialize};
 
 use super::motion::Piece;
 use crate::Options;
@@ -42,6 +43,18 @@ impl Torque {
     pub fn band(&self, v: usize, limit: f64, room: f64) -> [f64; 2] {
         [room * (-limit - self.rest[v]), room * (limit - self.rest[v])]
     }
+}
+
+/// A joint that cannot hold the robot still against gravity.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Overload {
+    /// Name of the joint.
+    pub joint: String,
+    /// Torque that holds the joint still (N m; N for a sliding joint).
+    pub torque: f64,
+    /// Torque limit of the joint (N m; N for a sliding joint).
+    pub limit: f64,
 }
 
 /// Dynamic model with torque limits, and the usable fraction of the torque that gravity leaves.
@@ -100,6 +113,19 @@ impl Dynamics {
     /// Returns whether the torque limits suffice to hold all joints still against gravity.
     pub fn holds(&self, torque: &Torque) -> bool {
         (0..self.map.indices().len()).all(|v| torque.rest[v].abs() < self.max_torque[v])
+    }
+
+    /// Returns the joint whose torque limit is exceeded most if all joints stand still, with this torque and the limit.
+    pub fn overload(&self, position: &Row) -> Option<Overload> {
+        let still = [0.0; MAX_JOINTS];
+        let torques = self.torques(&[*position, still, still], &mut Buffers::default());
+        let share = |v: &usize| torques[*v].abs() / self.max_torque[*v];
+        let worst = (0..self.map.indices().len()).max_by(|a, b| share(a).total_cmp(&share(b)))?;
+        (share(&worst) >= 1.0).then(|| Overload {
+            joint: self.robot.joints()[self.map.indices()[worst]].name().to_owned(),
+            torque: torques[worst],
+            limit: self.max_torque[worst],
+        })
     }
 
     /// Returns the largest used fraction of the torque that gravity leaves, from samples at the ends of the motion's

@@ -156,6 +156,7 @@ impl Transit<'_> {
         if let Some(hit) = at_start.iter().find(|c| c.2 < -CONTACT) {
             return Err(NoMotion::StartBlocked(self.approached(hit)));
         }
+        self.is_held_at_start()?;
         let mut follower = self.follower(second);
         (follower.free_axis, follower.tolerance) =
             (tolerance.free_axis, [CURVE * tolerance.position, CURVE * tolerance.rotation]);
@@ -276,7 +277,9 @@ impl Transit<'_> {
         let mut stops = vec![last];
         let mut sweep = self.sweep(&needs, &field);
         loop {
-            let (trajectory, times) = self.timed_through(&rows, &stops).map_err(|()| (last, NoMotion::Untimed))?;
+            let (trajectory, times) = self
+                .timed_through(&rows, &stops)
+                .map_err(|()| (last, self.strained(&rows).unwrap_or(NoMotion::Untimed)))?;
             let stray = self.stray(&trajectory, &times, stations, lines, tolerance, second);
             let Some(stray) = stray else {
                 let outcome = self.proven(&mut field, &mut sweep, &trajectory);

@@ -25,7 +25,7 @@ use crate::model::{MAX_JOINTS, Model, Row};
 use crate::parallel::in_parallel;
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{CONTACT, Close};
-use crate::{Cancel, ProblemError, Scene, Trajectory};
+use crate::{Cancel, Overload, ProblemError, Scene, Trajectory};
 
 pub use along_poses::{PathTolerance, plan_along};
 use field::{Ending, Field, RESOLUTION};
@@ -50,6 +50,8 @@ const TRIES: usize = 200;
 const SHORTEST: usize = 1000;
 /// Number of samples of the first search, which is plain rather than thorough and solves most problems.
 const PLAIN: usize = 250;
+/// Number of parts of an edge at whose ends the torques that hold the robot are computed, to explain a failure.
+const STRAINED: u32 = 20;
 /// Maximum factor by which failed searches refine the checks of edges.
 const FINEST: f64 = 8.0;
 
@@ -218,6 +220,7 @@ impl Transit<'_> {
         if let Some(hit) = overlap(&at_start) {
             return Err(NoMotion::StartBlocked(hit));
         }
+        self.is_held_at_start()?;
         let mut open: Vec<(usize, Row, Close)> = Vec::new();
         let mut blocked = None;
         for (k, goal) in &self.goals {
@@ -232,6 +235,11 @@ impl Transit<'_> {
         }
         if let (true, Some(hit)) = (open.is_empty(), blocked) {
             return Err(NoMotion::GoalsBlocked(hit));
+        }
+        if let Some(Some(first)) = open.first().map(|g| self.overload(&g.1))
+            && open.iter().all(|g| self.overload(&g.1).is_some())
+        {
+            return Err(NoMotion::Overloaded(first, "at the goal".to_owned()));
         }
         let limits = &self.limits;
         let mut pace = [0.0; MAX_JOINTS];
@@ -265,7 +273,7 @@ impl Transit<'_> {
             }
         }
         let begin = self.beginning(&mut field);
-        let (mut left, mut breach) = (self.options.samples, None);
+        let (mut left, mut breach, mut strained) = (self.options.samples, None, None);
         for attempt in 0..TRIES {
             let (samples, manner) = match attempt {
                 0 => (left.min(PLAIN), Manner::Plain),
@@ -297,7 +305,10 @@ impl Transit<'_> {
                 };
                 match timed {
                     Ok(trajectory) => return Ok(told_of(&field, trajectory, path, *number, close)),
-                    Err(stuck) => breach = Some(stuck),
+                    Err(stuck) => {
+                        strained = matches!(stuck, Stuck::Untimed).then(|| self.strained(path)).flatten();
+                        breach = Some(stuck);
+                    }
                 }
             }
             if field.is_over() {
@@ -306,10 +317,35 @@ impl Transit<'_> {
             field.resolution = (0.5 * field.resolution).max(RESOLUTION / FINEST);
         }
         Err(self.ending.reason().unwrap_or(match breach {
-            Some(Stuck::Untimed) => NoMotion::Untimed,
+            Some(Stuck::Untimed) => strained.unwrap_or(NoMotion::Untimed),
             Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
             Some(Stuck::Off | Stuck::Over) | None => NoMotion::NotFound(None),
         }))
+    }
+
+    /// Returns the joint whose torque limit does not suffice to hold the robot still, if torques are limited.
+    fn overload(&self, x: &Row) -> Option<Overload> {
+        self.dynamics.as_ref()?.overload(x)
+    }
+
+    /// Refuses a start at which a joint cannot hold the robot.
+    fn is_held_at_start(&self) -> Result<(), NoMotion> {
+        match self.overload(&self.state[0]) {
+            Some(overload) => Err(NoMotion::Overloaded(overload, "at the start".to_owned())),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the reason why a path has no motion, if it is that a joint cannot hold the robot on the path.
+    fn strained(&self, path: &[Row]) -> Option<NoMotion> {
+        self.dynamics.as_ref()?;
+        let found = path.windows(2).find_map(|pair| {
+            (0..=STRAINED).find_map(|k| {
+                let share = f64::from(k) / f64::from(STRAINED);
+                self.overload(&std::array::from_fn(|v| pair[0][v] + share * (pair[1][v] - pair[0][v])))
+            })
+        });
+        found.map(|overload| NoMotion::Overloaded(overload, "on the path".to_owned()))
     }
 
     fn approached(&self, (group, other, distance): &(usize, Other, f64)) -> Approached {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::options::LimitSet;
-use crate::{Cancel, CannotStop, Options, ProblemError, SolverConfig, Trajectory};
+use crate::{Cancel, CannotStop, Options, Overload, ProblemError, SolverConfig, Trajectory};
 
 /// Largest permitted seed.
 const MAX_SEED: usize = 1_000_000;
@@ -176,6 +176,9 @@ pub enum NoMotion {
     Late,
     /// The caller cancelled planning.
     Cancelled,
+    /// A joint's torque limit does not suffice to hold the robot and its payload still; contains the joint and the place:
+    /// the start, every goal, or a position on the path.
+    Overloaded(Overload, String),
 }
 
 impl std::fmt::Display for NoMotion {
@@ -211,6 +214,12 @@ impl std::fmt::Display for NoMotion {
             Self::CannotStop(joint, e) => write!(f, "{joint} cannot be stopped in time: {}", e.reason),
             Self::Late => write!(f, "the deadline passed before a collision-free motion was found"),
             Self::Cancelled => write!(f, "planning was cancelled"),
+            Self::Overloaded(Overload { joint, torque, limit }, place) => write!(
+                f,
+                "holding the arm still {place} takes a torque of {:.2} at {joint}, whose limit is {limit:.2} (N m; N for \
+                 sliding joints); reduce the payload, or keep it closer to the joint",
+                torque.abs()
+            ),
         }
     }
 }

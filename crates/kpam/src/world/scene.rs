@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-use gensim2_geometry::{Pose, Robot, points_within};
+use gensim2_geometry::{Inertia, Pose, Robot, points_within};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -293,6 +293,18 @@ impl Scene {
         self.body(name)?;
         let bodies = self.with_bodies(|body| body.name == name, None, |_| *pose)?;
         Ok(Self::of_parts(Arc::clone(&self.robot), bodies, Arc::clone(&self.joints)))
+    }
+
+    /// Returns the scene with a robot whose hand carries these mass properties, given in the frame of the hand's link;
+    /// they replace an earlier payload, and `None` removes it. Torque limits of motions include the payload. Its shape is
+    /// an attached body.
+    ///
+    /// # Errors
+    /// The mass properties are invalid, see [`Robot::with_payload`].
+    pub fn with_payload(&self, payload: Option<Inertia>) -> Result<Self, ProblemError> {
+        let robot = self.robot.with_payload(payload).map_err(|e| ProblemError::new(e.field, e.message))?;
+        // The shapes are the same, so the prepared collision checks stay valid.
+        Ok(Self { robot: Arc::new(robot), ..self.clone() })
     }
 
     /// Returns the scene with a body attached to the hand at pose `hand` (base frame); object joints no longer move
