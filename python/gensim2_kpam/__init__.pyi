@@ -1123,6 +1123,55 @@ class Trajectory:
     def sample_every(self, dt: float) -> Array:
         """Return positions (ceil(duration / dt) + 1, n), one row every ``dt`` seconds; at most a million rows."""
 
+class SpeedScale:
+    """Executes a motion at a speed that may change in every step, for example because a person comes near the robot.
+
+    The robot stays on the path of the motion. Velocity, acceleration and jerk of all joints keep the limits of the
+    motion in each step, also while the speed changes; the jerk is the change of the acceleration between two steps,
+    divided by ``dt``. Torque limits of the plan are not considered during changes. Equal targets give equal steps.
+
+    Example:
+        ```python
+        scaled = SpeedScale(motion.trajectory)
+        while not scaled.is_finished:
+            q, v, a = scaled.step(0.2 if person_is_near() else 1.0)
+            arm.send(q, v)
+        ```
+    """
+
+    def __init__(self, motion: Trajectory, dt: float = 0.001) -> None:
+        """Prepare a motion for steps, at its start and at full speed.
+
+        Args:
+            motion: the motion at full speed.
+            dt: length of a step, 0.0001 to 0.1 s.
+
+        Raises:
+            ProblemError: the length of a step is out of range.
+        """
+    def step(self, target: float) -> tuple[Array, Array, Array]:
+        """Advance by one step toward a speed scale, as fast as the limits allow.
+
+        Args:
+            target: fraction of the motion's speed, 0 to 1. 0 stops the robot on the path, and a later target continues
+                the motion.
+
+        Returns:
+            Position, velocity and acceleration (n,) of all joints after the step.
+
+        Raises:
+            ProblemError: the target is not 0 to 1; the robot then does not advance.
+        """
+    @property
+    def time(self) -> float:
+        """Time of the motion (s) at which the robot is: ``motion.sample(scaled.time)`` has the same position."""
+    @property
+    def scale(self) -> float:
+        """Current speed scale, 0 to 1."""
+    @property
+    def is_finished(self) -> bool:
+        """Whether the robot has reached the end of the motion."""
+
 class Plan:
     """Result of planning: motion, residuals of the constraints, reason of a failure. Instances can be pickled."""
 

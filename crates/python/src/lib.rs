@@ -36,6 +36,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<problem::PySolverConfig>()?;
     m.add_class::<problem::PyKeypointProblem>()?;
     m.add_class::<timing::PyTrajectory>()?;
+    m.add_class::<timing::PySpeedScale>()?;
     m.add_class::<plan::PyPlan>()?;
     m.add_class::<transit::PyMotion>()?;
     m.add_class::<servo::PyServo>()?;

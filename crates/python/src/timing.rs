@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gensim2_kpam::{Braking, Cancel, Limits, Method, RefineOptions, RetimeOptions, Trajectory};
+use gensim2_kpam::{Braking, Cancel, Limits, Method, RefineOptions, RetimeOptions, SpeedScale, Trajectory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadwriteArray1, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -137,6 +137,61 @@ impl PyTrajectory {
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}
+
+/// Executes a motion at a speed scale that may change in every step.
+#[pyclass(name = "SpeedScale", module = "gensim2_kpam")]
+pub(crate) struct PySpeedScale {
+    scaled: SpeedScale,
+    /// Position, velocity and acceleration of all joints after the last step.
+    state: [Vec<f64>; 3],
+}
+
+#[pymethods]
+impl PySpeedScale {
+    #[new]
+    #[pyo3(signature = (motion, dt = 0.001))]
+    fn new(motion: &Bound<'_, PyTrajectory>, dt: f64) -> PyResult<Self> {
+        let motion = motion.get().0.clone();
+        let start = motion.sample(motion.start());
+        let state = [start.position, start.velocity, start.acceleration];
+        SpeedScale::new(motion, dt).map(|scaled| Self { scaled, state }).map_err(|e| from_problem(&e))
+    }
+
+    /// Advances by one step toward the speed scale `target`, 0 to 1, and returns position, velocity and acceleration,
+    /// each (n,).
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        target: f64,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let Self { scaled, state: [q, v, a] } = self;
+        scaled.step(target, q, v, a).map_err(|e| from_problem(&e))?;
+        let array = |v: &[f64]| convert::array1(py, v).into_any();
+        Ok((array(q), array(v), array(a)))
+    }
+
+    /// Time of the motion (s) at which the robot is.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.scaled.time()
+    }
+
+    /// Current speed scale, 0 to 1.
+    #[getter]
+    fn scale(&self) -> f64 {
+        self.scaled.scale()
+    }
+
+    /// Whether the robot has reached the end of the motion.
+    #[getter]
+    fn is_finished(&self) -> bool {
+        self.scaled.is_finished()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("SpeedScale(at {:.3} s of the motion, scale {:.3})", self.scaled.time(), self.scaled.scale())
     }
 }
 

@@ -6,7 +6,8 @@
 //! limits would need a long window, the jerk is bounded along the path instead ([`smooth`]): by S-curves on straight
 //! paths ([`profile`]), by a third-order optimum on curved ones ([`third_order`]). Velocity limits may depend on the
 //! joint position ([`envelope`]), and torques are limited for robots with known masses ([`torque`]). A robot that moves
-//! at the start is brought to rest ([`state_to_state`], [`stop`]) or joins another motion ([`going_over`]).
+//! at the start is brought to rest ([`state_to_state`], [`stop`]) or joins another motion ([`going_over`]). A finished
+//! motion can be executed at a varying speed ([`speed_scale`]).
 
 mod barrier;
 mod blend;
@@ -23,6 +24,7 @@ mod profile;
 mod reachability;
 mod retime;
 mod smooth;
+mod speed_scale;
 mod spline;
 mod state_to_state;
 mod stop;
@@ -41,6 +43,7 @@ pub(crate) use going_over::{gone_over, to_state};
 pub use limits::Limits;
 pub(crate) use motion::Node;
 pub use retime::{RetimeOptions, Retimed, retime};
+pub use speed_scale::SpeedScale;
 pub(crate) use spline::{Spline, distance, length, rounded};
 pub(crate) use state_to_state::to_rest;
 pub use stop::CannotStop;

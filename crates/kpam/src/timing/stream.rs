@@ -19,6 +19,18 @@ impl Trajectory {
         velocity: &mut [f64],
         acceleration: &mut [f64],
     ) -> Result<(), ProblemError> {
+        self.check_lengths(position, velocity, acceleration)?;
+        self.map().fill(&self.moving_with_rates(t), position, velocity, acceleration);
+        Ok(())
+    }
+
+    /// Refuses slices that do not have one entry for each joint.
+    pub(super) fn check_lengths(
+        &self,
+        position: &[f64],
+        velocity: &[f64],
+        acceleration: &[f64],
+    ) -> Result<(), ProblemError> {
         let n = self.joints();
         for (field, length) in
             [("position", position.len()), ("velocity", velocity.len()), ("acceleration", acceleration.len())]
@@ -27,7 +39,6 @@ impl Trajectory {
                 return Err(ProblemError::new(field, format!("has length {length}; the robot has {n} joints")));
             }
         }
-        self.map().fill(&self.moving_with_rates(t), position, velocity, acceleration);
         Ok(())
     }
 
