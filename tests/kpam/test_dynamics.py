@@ -182,7 +182,7 @@ def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
     scene = kpam.Scene(ur5)
     start, goal = [0.8, -1.2, 1.5, -1.9, -1.6, 0.0], [-0.8, -0.6, 1.0, -1.9, -1.6, 0.0]
     center = [0.02, 0.0, 0.08]
-    limits = np.array([60.0, 90.0, 60.0, 20.0, 20.0, 20.0])
+    limits = np.array([60.0, 110.0, 60.0, 20.0, 20.0, 20.0])
     empty = scene.plan_to(start, goal, torque_limits=limits, acceleration_limits=[30.0] * 6).trajectory
     assert empty is not None
     last = empty.duration
