@@ -1128,7 +1128,8 @@ class SpeedScale:
 
     The robot stays on the path of the motion. Velocity, acceleration and jerk of all joints keep the limits of the
     motion in each step, also while the speed changes; the jerk is the change of the acceleration between two steps,
-    divided by ``dt``. Torque limits of the plan are not considered during changes. Equal targets give equal steps.
+    divided by ``dt``. Limits are checked at the end of each step. Torque limits of the plan are not considered during
+    changes. Equal targets give equal steps.
 
     Example:
         ```python

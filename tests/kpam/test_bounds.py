@@ -45,7 +45,7 @@ def test_a_robot_without_moving_joints(tmp_path: Path) -> None:
 def test_goals_of_a_robot_without_moving_joints_are_refused(tmp_path: Path) -> None:
     scene = kpam.Scene(still_robot(tmp_path))
     for goal in ([], np.zeros((3, 0)), np.eye(4)):
-        with pytest.raises(kpam.ProblemError, match="robot: has 0 independent joints"):
+        with pytest.raises(kpam.ProblemError, match="robot: plans 0 independent joints"):
             scene.plan_to([], goal)
 
 

@@ -99,7 +99,7 @@ def test_what_cannot_be_held_has_no_motion(ur5: kpam.Robot) -> None:
     stretched, up = np.zeros(6), np.array([0, -np.pi / 2, 0, 0, 0, 0])
     load = np.abs(ur5.inverse_dynamics(stretched, np.zeros(6), np.zeros(6)))
     motion = kpam.Scene(ur5).plan_to(up, stretched, torque_limits=list(0.9 * load + 1.0), samples=2000)
-    assert motion.status == "untimed"
+    assert motion.status == "overloaded"
     assert motion.trajectory is None
 
 
