@@ -157,3 +157,10 @@ def test_picture_of_a_rigid_object_shows_it_at_rest(library: Library) -> None:
         assert 0.05 < covered(view).mean() < 0.9, "the mug fills a good part of the picture"
     turned = np.abs(np.asarray(views[0]).astype(float) - np.asarray(views[1]))
     assert turned.max(axis=2).mean() > 2, "its handle goes round"
+
+
+def test_the_whole_object_fits_the_picture(library: Library) -> None:
+    # The stem of the apple is not part of its collision shape.
+    mask = covered(pictures.drawn(library.load("apple", "0"), [(0.0, pictures.THREE_QUARTER)], 96, marked=False)[0])
+    assert mask.any()
+    assert not np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).any()

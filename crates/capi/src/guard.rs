@@ -36,6 +36,10 @@ pub enum kpam_status {
     KPAM_LATE = 10,
     /// The caller cancelled planning.
     KPAM_CANCELLED = 11,
+    /// Bodies are too close to the robot on a line of a hand path; the message names them and the pose.
+    KPAM_PATH_BLOCKED = 12,
+    /// A joint cannot hold the arm and its load at rest within the torque limits; the message names the joint.
+    KPAM_OVERLOADED = 13,
 }
 
 thread_local! {
@@ -46,7 +50,8 @@ thread_local! {
 /// The message is one line of UTF-8. It belongs to the library and is valid until the next failing call on this thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn kpam_last_error() -> *const c_char {
-    LAST.with(|last| last.borrow().as_ptr())
+    // The message is gone if the thread is ending.
+    LAST.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
 /// Status and message of a failed call, which the C caller receives.
@@ -67,6 +72,8 @@ impl Fault {
             NoMotion::CannotStop(..) => kpam_status::KPAM_CANNOT_STOP,
             NoMotion::Late => kpam_status::KPAM_LATE,
             NoMotion::Cancelled => kpam_status::KPAM_CANCELLED,
+            NoMotion::PathBlocked { .. } => kpam_status::KPAM_PATH_BLOCKED,
+            NoMotion::Overloaded(..) => kpam_status::KPAM_OVERLOADED,
             _ => kpam_status::KPAM_NOT_FOUND,
         };
         Self(status, why.to_string())
@@ -89,7 +96,9 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
             Fault(kpam_status::KPAM_PANIC, format!("the solver failed: {said}"))
         }
     };
-    LAST.with(|last| *last.borrow_mut() = zero_terminated(&sentence));
+    let message = zero_terminated(&sentence.lines().collect::<Vec<_>>().join(" "));
+    // A thread that is ending has no place for the message; the status tells enough.
+    let _ = LAST.try_with(|last| *last.borrow_mut() = message);
     status
 }
 

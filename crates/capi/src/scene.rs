@@ -65,7 +65,6 @@ impl kpam_scene {
         if let Some(k) = numbers.iter().position(|value| !value.is_finite()) {
             return Err(Fault::invalid(format!("{name}[{k}]: {} is not finite", numbers[k])));
         }
-        // A robot without joints has empty joint vectors.
         let row = |k: usize| {
             let mut q = numbers[k * n..(k + 1) * n].to_vec();
             self.scene.robot().apply_mimic(&mut q);
@@ -128,6 +127,9 @@ pub unsafe extern "C" fn kpam_scene_load(
         let (srdf, base) = unsafe { (optional_text(srdf, "srdf")?, optional_text(base_link, "base_link")?) };
         let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, base, &[])
             .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
+        if robot.joints().is_empty() {
+            return Err(Fault(kpam_status::KPAM_FILE, format!("{urdf}: the robot has no moving joint")));
+        }
         Scene::new(Arc::new(robot), Vec::new(), Vec::new()).map(kpam_scene::new).map_err(Fault::invalid)
     };
     // SAFETY: guaranteed by the caller.

@@ -180,14 +180,10 @@ def _towards_camera(azimuth: float) -> Array:
 
 
 def _points(model: ArticulatedObject | RigidObject, openness: float) -> Array:
-    """Return hull vertices and keypoints (N, 3) in the world frame."""
-    if isinstance(model, RigidObject):
-        hulls = list(model.hulls[BODY])
-    else:
-        T, child = model.link_pose(openness), model.joint.child_link
-        hulls = [transform(T, hull) if link == child else hull for link, each in model.hulls.items() for hull in each]
-    in_world = np.concatenate(hulls) @ model.placement.rotation.T + model.placement.position
-    return np.concatenate([in_world, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])
+    """Return the vertices of the object's surfaces, and its keypoints (N, 3), in the world frame."""
+    _, *own = _solids(model, openness)
+    vertices = [transform(pose, surface.vertices.astype(np.float64)) for surface, pose in own]
+    return np.concatenate([*vertices, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])
 
 
 def _keypoints(model: ArticulatedObject | RigidObject, openness: float) -> dict[str, Array]:
