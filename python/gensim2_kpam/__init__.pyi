@@ -612,7 +612,7 @@ class Scene:
     def plan_to(
         self,
         q_start: Numbers,
-        goal: Numbers | Mapping[str, Numbers],
+        goal: Numbers | dict[str, Numbers],
         *,
         link: str | None = None,
         margin: float = 0.005,
@@ -692,7 +692,7 @@ class Scene:
     def plan_to_many(
         self,
         q_starts: Sequence[Numbers],
-        goals: Sequence[Numbers | Mapping[str, Numbers]],
+        goals: Sequence[Numbers | dict[str, Numbers]],
         *,
         threads: int | None = None,
         **options: Any,
@@ -781,7 +781,7 @@ class Scene:
         """
     def ik(
         self,
-        pose: Numbers | Mapping[str, Numbers],
+        pose: Numbers | dict[str, Numbers],
         q_start: Numbers,
         *,
         link: str | None = None,
@@ -943,7 +943,7 @@ class Servo:
 
         Args:
             scene: robot and obstacles.
-            q: (n,) values of all joints; joints that do not move the hand keep their values.
+            q: (n,) values of all joints; joints that are not planned keep their values.
             link: link that follows poses and velocities; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start keep that
                 smaller distance. Links that are closer than ``margin`` in every configuration only have to avoid

@@ -217,3 +217,18 @@ def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
         scene.with_payload(-1.0)
     with pytest.raises(kpam.ProblemError, match="inertia"):
         scene.with_payload(1.0, inertia=-np.eye(3))
+
+
+def test_a_goal_that_cannot_be_held_leaves_the_other_goals(ur5: kpam.Robot) -> None:
+    start = np.array([0.0, -1.57, 0.3, -1.57, 0.0, 0.0])
+    stretched, bent = np.array([-0.4, -0.2, 0.1, -1.57, 0.0, 0.0]), np.array([1.6, -1.3, 0.9, -1.0, 0.3, 0.2])
+    place = np.eye(4)
+    place[:3, 3] = [0.12, 0.42, 0.95]
+    wall = kpam.Body("wall", "rigid", [kpam.Shape.box([0.15, 0.02, 0.25])], place)
+    scene = kpam.Scene(ur5, [wall]).with_payload(5.0, [0.0, 0.0, 0.1])
+    needed = [np.abs(scene.robot.inverse_dynamics(q, np.zeros(6), np.zeros(6))) for q in (start, bent)]
+    limits = np.maximum(1.4 * np.max(needed, axis=0) + 8.0, 10.0)
+    limits[1] = 90.0
+    assert scene.plan_to(start, stretched, torque_limits=limits).status == "overloaded"
+    motion = scene.plan_to(start, [stretched, bent], torque_limits=limits, samples=5000)
+    assert (motion.status, motion.goal) == ("solved", 1)

@@ -221,6 +221,13 @@ def test_mimic_joints_and_too_many_joints_are_refused(tmp_path: Path) -> None:
     assert plan(names[1:17]).status == "solved"
 
 
+def test_a_second_link_must_not_carry_the_hand(both: kpam.Robot) -> None:
+    start = posture([], [])
+    ahead = both.forward_kinematics(start)
+    with pytest.raises(kpam.ProblemError, match=r"second_link: .*carries the hand"):
+        kpam.Scene(both).plan_along(start, [ahead], second_link="left_panda_link3")
+
+
 def test_two_hands_keep_their_relative_pose(both: kpam.Robot, judge: Mechanism) -> None:
     # The palms face each other 0.4 m apart, as if they held a box, which moves 0.2 m up and sideways and turns.
     def hands(x: float, y: float, z: float, turn: float) -> dict[str, Array]:

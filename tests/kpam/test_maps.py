@@ -147,3 +147,30 @@ def test_a_map_without_obstacles_is_none(ur5: kpam.Robot) -> None:
     assert not kpam.Scene(ur5).with_body(empty).in_collision([0.8, -1.2, 1.5, -1.9, -1.6, 0])
     with pytest.raises(kpam.ProblemError, match="not a body"):
         kpam.Scene(ur5).without_body("map")
+
+
+def test_every_byte_of_a_boolean_array_counts(ur5: kpam.Robot) -> None:
+    # A mask of 0 and 255 that is viewed as bool keeps its bytes.
+    mask = np.full((20, 20, 20), 255, dtype=np.uint8)
+    mask[:10] = 0
+    found = kpam.Body("map", "rigid", [kpam.Shape.voxels(mask.view(bool), 0.04, [-0.4, -0.4, 0.0])], np.eye(4))
+    wanted = kpam.Body("map", "rigid", [kpam.Shape.voxels(mask > 0, 0.04, [-0.4, -0.4, 0.0])], np.eye(4))
+    q = rng(5, "voxels").uniform(-2.5, 2.5, (100, 6))
+    distances = kpam.Scene(ur5, [wanted]).distance(q, 0.3)
+    assert (distances <= 0).any()
+    np.testing.assert_array_equal(kpam.Scene(ur5, [found]).distance(q, 0.3), distances)
+
+
+def test_an_object_is_lifted_from_a_table_of_voxels(ur5: kpam.Robot) -> None:
+    q, up = np.array([0.3, -1.2, 1.5, -1.9, -1.6, 0]), np.array([0.3, -1.4, 1.5, -1.9, -1.6, 0])
+    hand = ur5.forward_kinematics(q)[:3, 3]
+    for seed in range(5):
+        place = np.eye(4)
+        place[:3, 3] = hand - [0.0, 0.0, 0.12]
+        place[:2, 3] += rng(seed, "lift").uniform(-0.05, 0.05, 2)
+        corner = hand - [0.3, 0.3, 0.25]
+        table = kpam.Shape.voxels(np.ones((12, 12, 2), dtype=bool), 0.05, corner)
+        thing = kpam.Body("thing", "rigid", [kpam.Shape.box([0.03, 0.03, 0.03])], place)
+        scene = kpam.Scene(ur5, [kpam.Body("table", "rigid", [table], np.eye(4)), thing]).attached("thing", q)
+        assert abs(scene.distance(q)) < 1e-7  # the object stands on the table
+        assert scene.plan_to(q, up).status == "solved"

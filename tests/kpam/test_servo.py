@@ -316,3 +316,13 @@ def test_a_benchmark_minute_keeps_all_limits(monkeypatch: pytest.MonkeyPatch, ro
     assert row.obstacle_mm > 4.6
     assert row.self_mm > 0.0
     assert 0.5 < max(row.used[1:]) <= 1.0 + 1e-6
+
+
+def test_the_default_posture_is_that_of_the_last_reset(arm: kpam.Robot) -> None:
+    start = full(arm, READY)
+    later = start.copy()
+    later[:7] += [0.3, 0.1, -0.3, 0.1, 0.2, 0.1, -0.3]
+    servo = servo_of(kpam.Scene(arm), start)
+    servo.reset(later)
+    last = follow(servo, 2000, arm.forward_kinematics(later))[-1].position
+    np.testing.assert_allclose(last, later, atol=1e-6)

@@ -16,8 +16,8 @@
  * THREADS   Several threads may use one handle at once in functions that take a const pointer to it. Functions that
  *           take a pointer that is not const (adding or moving a body, freeing) need the handle for themselves. Error
  *           messages belong to the thread. A planning call uses the calling thread only.
- * CONTROL   kpam_trajectory_sample_into() takes no lock and allocates no memory, and is meant for control loops of 1 kHz
- *           and more. All other functions may allocate.
+ * CONTROL   kpam_trajectory_sample_into() takes no lock and allocates no memory if it succeeds, and is meant for control
+ *           loops of 1 kHz and more. kpam_cancel_set() does not allocate either. All other functions may allocate.
  * VERSIONS  Compare kpam_abi_version() with KPAM_ABI_VERSION at the start of a program. Later versions with the same ABI
  *           version may have more functions, more members of kpam_status, and more fields at the end of the structs of
  *           options, which begin with their size for this reason.
@@ -64,6 +64,10 @@ typedef enum kpam_status {
     KPAM_LATE = 10,
     // The caller cancelled planning.
     KPAM_CANCELLED = 11,
+    // Bodies are too close to the robot on a line of a hand path; the message names them and the pose.
+    KPAM_PATH_BLOCKED = 12,
+    // A joint cannot hold the arm and its load at rest within the torque limits; the message names the joint.
+    KPAM_OVERLOADED = 13,
 } kpam_status;
 
 // Acceleration and jerk limits for arms whose URDF lacks them.

@@ -112,10 +112,9 @@ pub(crate) fn grid<T: Element, U>(
         return Err(problem_error(field, "has masked entries; fill them"));
     }
     let array = numpy.call_method1("require", (value, value.py().None(), ["C", "A"]))?;
-    let array = array.cast::<PyArrayDyn<T>>().map_err(|_| {
-        let name = if field == "occupied" { "bool" } else { "float32 or float64" };
-        problem_error(field, format!("must be a NumPy array of {name}; convert it with astype"))
-    })?;
+    let array = array
+        .cast::<PyArrayDyn<T>>()
+        .map_err(|_| problem_error(field, "must be a NumPy array of float32 or float64; convert it with astype"))?;
     let array = array.try_readonly().map_err(|e| problem_error(field, format!("cannot be read: {e}")))?;
     let view = array.as_array();
     let &[nx, ny, nz] = view.shape() else {

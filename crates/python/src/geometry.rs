@@ -412,7 +412,13 @@ impl PyShape {
         voxel_size: f64,
         origin: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let (occupied, grid) = convert::grid(occupied, "occupied", voxel_size, origin, |v: &bool| *v)?;
+        // NumPy allows any byte in an array of bool, Rust only 0 and 1, so the bytes are read.
+        let array = occupied.py().import("numpy")?.call_method1("asanyarray", (occupied,))?;
+        if array.cast::<PyArrayDyn<bool>>().is_err() {
+            return Err(problem_error("occupied", "must be a NumPy array of bool; convert it with astype"));
+        }
+        let bytes = array.call_method1("view", ("uint8",))?;
+        let (occupied, grid) = convert::grid(&bytes, "occupied", voxel_size, origin, |v: &u8| *v != 0)?;
         solids(py, move || grid.solids(&occupied))
     }
 

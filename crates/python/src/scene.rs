@@ -160,7 +160,8 @@ impl PyScene {
                 (_, shape) => return Err(problem_error("inertia", format!("must have shape (3, 3), not {shape:?}"))),
             },
         };
-        self.0.with_payload(Some(Inertia { mass, center, tensor })).map(Self).map_err(|e| from_problem(&e))
+        let payload = (mass != 0.0).then_some(Inertia { mass, center, tensor });
+        self.0.with_payload(payload).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// Returns the scene with a body attached to the hand at joints `q`; object joints no longer move this body.

@@ -200,11 +200,11 @@ impl Measure {
             if let Some(first) = (0..near.len()).min_by(|a, b| near[*a].0.total_cmp(&near[*b].0)) {
                 near.swap(0, first);
             }
-            for (bound, at) in &near {
+            for (bound, index) in &near {
                 if f64::from(*bound) - ROUGH > least.max(0.0) + outer {
                     continue;
                 }
-                let center = nalgebra::Point3::from(at.map(f64::from));
+                let center = cloud.center(*index);
                 core.iter_mut().zip(&cloud.core).for_each(|(p, offset)| *p = center + offset);
                 one.place(&core, &back);
                 least = least.min(measured(piece, &one, least));
@@ -263,14 +263,14 @@ impl Nearest {
     }
 }
 
-/// Points of a cloud that may lie within `within` (m) of a piece, each with a lower bound of its distance.
+/// Points of a cloud that may lie within `within` (m) of a piece, each as a lower bound of its distance and its index.
 struct Gather<'a> {
     piece: &'a Piece,
     cloud: &'a PointGrid,
     pose: &'a Pose,
     back: &'a Pose,
     within: f64,
-    near: &'a mut Vec<(f32, [f32; 3])>,
+    near: &'a mut Vec<(f32, u32)>,
 }
 
 impl Wide for Gather<'_> {
@@ -284,7 +284,7 @@ impl Wide for Gather<'_> {
         let t = back.translation.vector.cast::<f32>();
         // Single precision is only used to exclude points that are certainly further away.
         let limit = F32x8::splat((within + ROUGH) as f32);
-        cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points| {
+        cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points, first: u32| {
             let here = [0, 1, 2]
                 .map(|i| points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + F32x8::splat(t[i]));
             let bounds = piece.solid.distance(&here);
@@ -292,8 +292,8 @@ impl Wide for Gather<'_> {
                 return;
             }
             let (bounds, limit) = (bounds.to_array(), limit.to_array());
-            let [x, y, z] = points.map(F32x8::to_array);
-            near.extend((0..super::LANES).filter(|l| bounds[*l] < limit[*l]).map(|l| (bounds[l], [x[l], y[l], z[l]])));
+            let inside = (0..super::LANES).filter(|l| bounds[*l] < limit[*l]);
+            near.extend(inside.map(|l| (bounds[l], first + l as u32)));
         });
     }
 }

@@ -42,13 +42,15 @@ pub(crate) struct PointGrid {
     pub radius: f64,
     /// Vertices of the core relative to its centre (m, base axes): one for spheres, eight for cubes.
     pub core: Vec<Vector3<f64>>,
-    /// Maximum distance (m) of a point of the core from its centre; 0 for spheres.
+    /// Maximum distance (m) of a point of the screened core from its centre; 0 for spheres.
     pub extent: f64,
-    /// Half the edge length (m) of cubes, and the rotation from base axes to their axes.
+    /// Half the edge length (m) of screened cubes, and the rotation from base axes to their axes.
     cube: Option<(f32, [[f32; 3]; 3])>,
     /// Lower bound of the distance (m) between the base's origin and every point's sphere; 0 if unknown.
     pub from_base: f32,
     lanes: Vec<Points>,
+    /// Centre of the element in each lane of `lanes` (m, base frame), for exact distances.
+    centers: Vec<Point3<f64>>,
     /// Index of each cell's first block of eight points.
     starts: Vec<u32>,
     /// Lower bound of the squared distance (m²) from each cell corner to the nearest point.
@@ -96,10 +98,10 @@ impl PointGrid {
         match element {
             Element::Ball(r) => radius = *r,
             Element::Cube(half, axes) => {
-                // Centres are stored in single precision; the enlarged cube contains the cube that was given.
-                let half = half + PLACED * size;
-                let corner = |i: usize| Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -half } else { half });
+                let corner = |i: usize| Vector3::from_fn(|k, _| if i >> k & 1 == 0 { -half } else { *half });
                 core = (0..8).map(|i| axes * corner(i)).collect();
+                // Screening uses centres in single precision; the enlarged cube contains the cube that was given.
+                let half = half + PLACED * size;
                 extent = half * 3.0_f64.sqrt();
                 let turn = axes.inverse();
                 let row = |r: usize| [0, 1, 2].map(|c| turn.matrix()[(r, c)] as f32);
@@ -114,6 +116,7 @@ impl PointGrid {
             cube,
             from_base,
             lanes: Vec::new(),
+            centers: Vec::new(),
             starts: Vec::new(),
             field: Vec::new(),
             origin: bounds.min,
@@ -152,6 +155,7 @@ impl PointGrid {
         starts.push(total);
         // Unused lanes hold a point that is far from everything.
         let mut lanes = vec![[F32x8::splat(1e9); 3]; total as usize];
+        let mut centers = vec![Point3::new(1e9, 1e9, 1e9); total as usize * WIDTH];
         let mut filled = vec![0u32; cells];
         for (p, c) in points.iter().zip(&home) {
             let c = *c as usize;
@@ -159,10 +163,11 @@ impl PointGrid {
             for k in 0..3 {
                 lanes[block][k].set(lane, p[k] as f32);
             }
+            centers[block * WIDTH + lane] = *p;
             filled[c] += 1;
         }
         self.field = self.spread(&counts, &extents);
-        (self.lanes, self.starts) = (lanes, starts);
+        (self.lanes, self.centers, self.starts) = (lanes, centers, starts);
     }
 
     /// Computes the lower bound of the squared distance (m²) from each cell corner to the nearest point.
@@ -369,9 +374,15 @@ impl PointGrid {
         (most < within * within).then(|| most.sqrt())
     }
 
-    /// Calls `visit` with the points in a box, eight at a time; unused lanes hold a point far away.
+    /// Returns the centre of an element (m, base frame) by its index, which [`PointGrid::within`] gives.
+    pub fn center(&self, index: u32) -> &Point3<f64> {
+        &self.centers[index as usize]
+    }
+
+    /// Calls `visit` with the points in a box, eight at a time, and the index of the first of them; unused lanes hold a
+    /// point far away.
     #[inline(always)]
-    pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points)) {
+    pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points, u32)) {
         let low = [0, 1, 2].map(|k| ((bounds.min[k] - self.origin[k]) / self.cell).floor());
         let high = [0, 1, 2].map(|k| ((bounds.max[k] - self.origin[k]) / self.cell).floor());
         if (0..3).any(|k| high[k] < 0.0 || low[k] >= self.dims[k] as f64) {
@@ -384,7 +395,7 @@ impl PointGrid {
             for j in yl..=yh {
                 let row = self.dims[0] * (j + self.dims[1] * k);
                 for block in self.starts[row + xl] as usize..self.starts[row + xh + 1] as usize {
-                    visit(&self.lanes[block]);
+                    visit(&self.lanes[block], (block * WIDTH) as u32);
                 }
             }
         }

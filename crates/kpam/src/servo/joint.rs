@@ -128,11 +128,10 @@ impl Reversals {
 
 /// Returns the times at which the velocity is zero; NaN if there is none.
 fn stills([_, velocity, acceleration]: State, jerk: f64) -> [f64; 2] {
-    if jerk == 0.0 {
-        return [-velocity / acceleration, f64::NAN];
-    }
+    // This form of the quadratic formula does not cancel if the jerk is tiny.
     let root = (acceleration * acceleration - 2.0 * jerk * velocity).sqrt();
-    [(-acceleration - root) / jerk, (-acceleration + root) / jerk]
+    let sum = -(acceleration + acceleration.signum() * root);
+    [sum / jerk, 2.0 * velocity / sum]
 }
 
 /// Limits of one joint.
@@ -301,6 +300,18 @@ mod tests {
 
     fn limits(jerk: f64) -> JointLimits {
         JointLimits { variable: 0, lower: -0.4, upper: 0.3, velocity: 1.2, acceleration: 6.0, jerk, envelope: None }
+    }
+
+    #[test]
+    fn reversals_are_found_at_any_jerk() {
+        // With the jerk of a rounding error, the velocity is zero at the time of constant acceleration.
+        for jerk in [0.0, 5e-14, -5e-14, 1e-3] {
+            let [from, to] = stills([0.0, 0.74, -14.55], jerk);
+            assert!([from, to].iter().any(|t| (t - 0.74 / 14.55).abs() < 1e-5), "{jerk} {from} {to}");
+        }
+        let mut found = stills([0.0, 1.0, -3.0], 4.0);
+        found.sort_by(f64::total_cmp);
+        assert_eq!(found, [0.5, 1.0]);
     }
 
     proptest! {

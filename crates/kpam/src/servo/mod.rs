@@ -103,7 +103,7 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// Creates a servo for an arm that rests at the joints `q`. Joints that do not move the hand keep their values.
+    /// Creates a servo for an arm that rests at the joints `q`. Joints that are not planned keep their values.
     ///
     /// # Errors
     /// An option or the start is invalid, or bodies overlap at the start; names the field.
@@ -127,8 +127,7 @@ impl Servo {
                 .ok_or_else(|| ProblemError::new("link", format!("{name:?} is not a link of {:?}", robot.name())))?,
         };
         if !model.map().driven().iter().any(|driven| is_below(robot, link, driven.link)) {
-            let message =
-                format!("no joint that moves the hand moves {:?}; name another link", robot.links()[link].name());
+            let message = format!("no planned joint moves {:?}; name another link", robot.links()[link].name());
             return Err(ProblemError::new("link", message));
         }
         let posture = match &options.posture {
@@ -164,7 +163,7 @@ impl Servo {
         Ok(out)
     }
 
-    /// Sets the state of the arm, by default at rest. Joints that do not move the hand keep the values of `q`.
+    /// Sets the state of the arm, by default at rest. Joints that are not planned keep the values of `q`.
     ///
     /// # Errors
     /// The state is invalid, bodies overlap, or the arm cannot stop within its limits and without a collision; the
@@ -237,6 +236,9 @@ impl Servo {
                 1e3 * margin
             );
             return Err(ProblemError::new("q", message));
+        }
+        if self.options.posture.is_none() {
+            self.posture = x;
         }
         (self.model, self.joints, self.guard, self.courses) = (model, wider, guard, courses);
         (self.elapsed, self.share) = (0.0, 1.0);

@@ -13,7 +13,7 @@ use crate::hand_path::{Follower, left};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::motion::HandPath;
 use crate::timing::Spline;
-use crate::world::CONTACT;
+use crate::world::{CONTACT, is_below};
 use crate::{ProblemError, Scene, Trajectory};
 
 /// Maximum number of poses.
@@ -111,6 +111,9 @@ pub fn plan_along(
             let Some(link) = robot.link_index(name) else {
                 return fail(format!("{name:?} is not a link of {:?}", robot.name()));
             };
+            if is_below(robot, robot.hand(), link) {
+                return fail(format!("{name:?} carries the hand; name a link of the other arm"));
+            }
             let Some(chain) = robot.chain_to(link).filter(|chain| model.moves(chain) != model.moves(robot.chain()))
             else {
                 return fail(format!("no planned joint moves {name:?} relative to the hand"));

@@ -241,6 +241,7 @@ impl Transit<'_> {
         {
             return Err(NoMotion::Overloaded(first, "at the goal".to_owned()));
         }
+        open.retain(|g| self.overload(&g.1).is_none());
         let limits = &self.limits;
         let mut pace = [0.0; MAX_JOINTS];
         for v in 0..self.model.n() {
