@@ -106,6 +106,13 @@ def test_the_services_plan_in_the_scene_of_the_topics(node: Any) -> None:
     applied = SimpleNamespace(scene=difference(thing("x", primitive(1, 0.1, 0.1, 0.1), header=header("map"))))
     assert not planning.callbacks["apply_planning_scene"](applied, SimpleNamespace()).success
     assert planning.logger.texts[-1].startswith("FRAME_TRANSFORM_FAILURE: world.collision_objects[0].header.frame_id")
+    # The service has told its caller that nothing changed; the sender of a topic does not know it.
+    assert plan(planning).error_code.val == ErrorCode.SUCCESS
+    planning.callbacks["planning_scene"](applied.scene)
+    planning.callbacks["planning_scene"](difference(post))
+    refused = plan(planning).error_code
+    assert refused.val == ErrorCode.COLLISION_CHECKING_UNAVAILABLE
+    assert "world.collision_objects[0].header.frame_id" in refused.message
     planning.callbacks["planning_scene"](message("moveit_msgs/msg/PlanningScene"))
     assert len(plan(planning).trajectory.joint_trajectory.points) == len(straight.points)
     assert "points" not in planning.callbacks
@@ -118,9 +125,12 @@ def test_limits_are_those_of_moveits_file(node: Any, monkeypatch: pytest.MonkeyP
         limits |= {f"{prefix}.has_acceleration_limits": True, f"{prefix}.max_acceleration": 2.0}
     prefix = "robot_description_planning.joint_limits.elbow_joint"
     limits |= {f"{prefix}.has_velocity_limits": True, f"{prefix}.max_velocity": 0.1}
+    limits |= {f"{prefix}.has_position_limits": True, f"{prefix}.min_position": -2.0, f"{prefix}.max_position": 1.6}
     monkeypatch.setattr(FakeNode, "given", {**PARAMETERS, **limits})
     planning = node.PlanningNode()
     np.testing.assert_allclose(planning.planner.options["acceleration_limits"], 2.0)
+    robot = planning.planner.arm.robot
+    assert (robot.lower[2], robot.upper[2], robot.upper[0]) == (-2.0, 1.6, 3.1416)
     velocity = planning.planner.arm.robot.velocity.copy()
     velocity[2] = 0.1
     np.testing.assert_allclose(planning.planner.options["velocity_limits"], velocity)
@@ -133,9 +143,25 @@ def test_limits_are_those_of_moveits_file(node: Any, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(FakeNode, "given", {**PARAMETERS, **limits})
     with pytest.raises(ValueError, match=r"\['wrist_3_joint'\] have no max_acceleration"):
         node.PlanningNode()
+    del limits[f"{prefix}.max_position"]
+    monkeypatch.setattr(FakeNode, "given", {**PARAMETERS, **limits})
+    with pytest.raises(ValueError, match=r"elbow_joint: min_position -2\.0 must be below max_position nan"):
+        node.PlanningNode()
 
 
-def test_a_missing_parameter_is_named(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeNode, "given", {**PARAMETERS, "hand_link": ""})
-    with pytest.raises(ValueError, match="the parameter hand_link is empty"):
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("hand_link", "", "is empty"),
+        ("robot_description", "robot", "is no URDF"),
+        ("time_step", 0.0, r"is 0\.0; it must lie between"),
+        ("margin", -0.1, r"is -0\.1; it must lie between"),
+        ("cloud_radius", float("nan"), "is nan; it must lie between"),
+    ],
+)
+def test_missing_and_wrong_parameters_are_named(
+    node: Any, monkeypatch: pytest.MonkeyPatch, name: str, value: Any, text: str
+) -> None:
+    monkeypatch.setattr(FakeNode, "given", {**PARAMETERS, name: value})
+    with pytest.raises(ValueError, match=f"the parameter {name} {text}"):
         node.PlanningNode()

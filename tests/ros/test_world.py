@@ -117,7 +117,7 @@ def test_poses_refer_to_links_objects_subframes_and_transforms(planner: Planner)
     stamped = make(
         "geometry_msgs/msg/TransformStamped",
         header=header("base_link"),
-        child_frame_id="map",
+        child_frame_id="/map",
         transform=make("geometry_msgs/msg/Transform", translation=vector3((1.0, 2.0, 3.0))),
     )
     frames = {
@@ -126,6 +126,7 @@ def test_poses_refer_to_links_objects_subframes_and_transforms(planner: Planner)
         "shelf": FAR,
         "shelf/board": FAR @ at(0.0, 0.0, 0.3),
         "map": at(1.0, 2.0, 3.0),
+        "/map": at(1.0, 2.0, 3.0),
     }
     planner.apply_scene(difference(fixed_frame_transforms=[stamped]))
     for name, frame in frames.items():
@@ -166,6 +167,36 @@ def test_an_attached_object_moves_with_the_hand_and_is_released(panda: Planner) 
     assert panda.plan(request(goal, group_name="panda_arm", start_state=start)).code == ErrorCode.SUCCESS
     panda.apply_scene(attach("", thing("rod", operation=REMOVE)))
     np.testing.assert_allclose(panda.world.items["rod"].pose, inside, atol=1e-9)
+
+
+def test_one_message_attaches_or_detaches_as_in_the_tutorials_of_moveit(panda: Planner) -> None:
+    box = thing("box", primitive(1, 0.1, 0.1, 0.1), at(0.4, 0.0, 0.6))
+    panda.apply_scene(difference(box))
+    taking = difference(thing("box", operation=REMOVE), robot_state=attach("panda_hand", thing("box")).robot_state)
+    panda.apply_scene(taking)
+    assert panda.world.items["box"].link == "panda_hand"
+    moved = thing("box", primitive(1, 0.1, 0.1, 0.1), FAR)
+    for link in ("panda_hand", ""):
+        panda.apply_scene(taking)
+        releasing = attach(link, thing("box", operation=REMOVE)).robot_state
+        panda.apply_scene(difference(moved, robot_state=releasing))
+        assert panda.world.items["box"].link is None
+        np.testing.assert_allclose(panda.world.items["box"].pose, FAR, atol=1e-12)
+
+
+def test_a_state_without_joints_keeps_the_attached_objects(panda: Planner) -> None:
+    ball = primitive(2, 0.02)
+    for name in "ab":
+        scene = attach("panda_hand", thing(name, ball, header=header("panda_hand")))
+        scene.robot_state.is_diff = False
+        panda.apply_scene(scene)
+    assert list(panda.world.items) == ["a", "b"]
+    panda.apply_scene(message("moveit_msgs/msg/PlanningScene", is_diff=False))
+    assert list(panda.world.items) == ["a", "b"]
+    state = make("sensor_msgs/msg/JointState", name=["panda_joint1"], position=[0.0])
+    whole = make("moveit_msgs/msg/RobotState", joint_state=state)
+    panda.apply_scene(message("moveit_msgs/msg/PlanningScene", robot_state=whole))
+    assert not panda.world.items
 
 
 def matrix(names: list[str], allowed: set[tuple[str, str]], **fields: Any) -> Any:
@@ -224,12 +255,22 @@ def test_an_octomap_is_an_obstacle(planner: Planner) -> None:
     world = make("moveit_msgs/msg/PlanningSceneWorld", octomap=placed)
     planner.apply_scene(difference(world=world))
     (body,) = planner.world.scene(START).bodies
-    triangles, spheres = body.surface()
-    blocks = in_frame(triangles.reshape(-1, 3), origin)
-    np.testing.assert_allclose([blocks.min(axis=0), blocks.max(axis=0)], [[0.4, -0.2, 0.0], [0.8, 0.2, 0.4]], atol=1e-9)
-    singles = sorted(leaf[:3] for leaf in LEAVES if leaf[3] == 0.05)
-    np.testing.assert_allclose(sorted(map(tuple, in_frame(spheres[:, :3], origin))), singles, atol=1e-6)
-    np.testing.assert_allclose(spheres[:, 3], 0.05 * np.sqrt(3.0) / 2.0)
+    np.testing.assert_allclose(body.pose, origin, atol=1e-12)
+    cubes = body.surface()[0].reshape(-1, 36, 3)
+    found = [(*((cube.min(axis=0) + cube.max(axis=0)) / 2), *np.ptp(cube, axis=0)) for cube in cubes]
+    wanted = [(*leaf[:3], *[leaf[3]] * 3) for leaf in LEAVES]
+    np.testing.assert_allclose(sorted(np.round(found, 6).tolist()), sorted(wanted), atol=1e-6)
+    # Cells that no arm can reach are left out.
+    world.octomap.octomap.resolution = 1e300
+    planner.apply_scene(difference(world=world))
+    assert not planner.world.scene(START).bodies
+    # move_group sends this when the octomap was cleared.
+    world.octomap.octomap.resolution = 0.05
+    planner.apply_scene(difference(world=world))
+    assert planner.world.scene(START).bodies
+    world.octomap.octomap = make("octomap_msgs/msg/Octomap", id="cleared")
+    planner.apply_scene(difference(world=world))
+    assert not planner.world.scene(START).bodies
 
 
 def cloud(points: np.ndarray, *, big: bool = False, kind: int = 7, frame: str = "") -> Any:
@@ -269,21 +310,33 @@ def test_points_are_read_with_any_layout(big: bool, kind: int) -> None:
 
 def test_a_cloud_is_an_obstacle_without_the_robot(planner: Planner) -> None:
     robot = planner.arm.robot
-    flange = robot.forward_kinematics(START, "wrist_3_link")
-    seen = np.array([[0.5, 0.0, z] for z in np.linspace(0.1, 0.9, 30)] + [flange[:3, 3], flange[:3, 3]])
+    flange = robot.forward_kinematics(START, "wrist_3_link")[:3, 3]
+    strays = [[1500.0, 0.0, 0.0], [0.0, 1e30, 0.0]]
+    seen = np.array([[0.5, 0.0, z] for z in np.linspace(0.1, 0.9, 30)] + [flange, flange, *strays])
     frame = robot.forward_kinematics(START, "wrist_1_link")
     planner.set_cloud(cloud(in_frame(seen, frame), kind=8, frame="wrist_1_link"), 0.02)
     (body,) = planner.world.scene(START).bodies
     spheres = body.surface()[1]
     np.testing.assert_allclose(spheres[:, :3], seen[:30], atol=1e-6)
     np.testing.assert_allclose(spheres[:, 3], 0.02)
+    planner.set_cloud(cloud(np.array(strays), kind=8), 0.02)
+    assert not planner.world.scene(START).bodies
 
 
 def test_what_the_solver_cannot_do_is_refused_and_changes_nothing(panda: Planner) -> None:
     panda.apply_scene(difference(thing("known", primitive(2, 0.1), FAR)))
     before = panda.world
     box = primitive(1, 0.1, 0.1, 0.1)
+    lost = make("geometry_msgs/msg/Pose", position=make("geometry_msgs/msg/Point", x=1e200))
+    huge = make("octomap_msgs/msg/OctomapWithPose", octomap=octomap(FULL, False, resolution=5e3))
+    huge.origin = pose(at(-5e4, -1e4, -1e4))
     bad = {
+        "'panda_link3' is a link of the robot": difference(thing("panda_link3", box)),
+        "'<cloud>' is a reserved name": difference(thing("<cloud>", box)),
+        "'<octomap>' is a reserved name": attach("panda_hand", thing("<octomap>", box)),
+        "object 'it': .*within 1000 m": difference(thing("it", box, pose=lost)),
+        "object 'known': .*within 1000 m": difference(thing("known", pose=lost, operation=MOVE)),
+        "octomap.octomap: .*within 1000 m": difference(world=make("moveit_msgs/msg/PlanningSceneWorld", octomap=huge)),
         "'box2' to move": difference(thing("box2", operation=MOVE)),
         "must hold 3 lengths": difference(thing("it", primitive(1, 0.1, -0.1, 0.1))),
         "9 is no primitive": difference(thing("it", primitive(9, 0.1))),

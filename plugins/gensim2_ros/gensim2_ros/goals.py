@@ -20,6 +20,8 @@ ANGLES = {0: 2, 1: 24, 2: 12, 3: 6}
 #: Number of solutions of inverse kinematics for each tried pose, and in all.
 EACH, ENOUGH = 4, 32
 XYZ_EULER_ANGLES, ROTATION_VECTOR = 0, 1
+#: Smallest tolerance (rad) that leaves a rotation free. It is a little below pi, because many programs send 3.14.
+FREE = np.pi - 2e-3
 
 
 @dataclass(frozen=True)
@@ -61,22 +63,25 @@ def goal_of(message: Any, where: str, world: World, q: Array) -> Goal:
     return _pose(message, where, world, q)
 
 
-def joint_goals(
-    goals: Sequence[Goal], scene: kpam.Scene, q: Array, margin: float, keeps: Callable[[Array], bool], late: Any
-) -> Array:
-    """Return joint vectors (K, n) that meet one of several goals, at least ``margin`` (m) away from obstacles.
+def joint_goals(goals: Sequence[Goal], scene: kpam.Scene, q: Array, keeps: Callable[[Array], bool], late: Any) -> Array:
+    """Return joint vectors (K, n) without collision that meet one of several goals.
 
     Args:
         goals: the goals.
         scene: robot and obstacles.
         q: (n,) joints at the start.
-        margin: clearance, m.
         keeps: whether joints (n,) meet the path constraints.
         late: function that returns whether the time is over.
 
     Raises:
-        RefusedError: no joints meet a goal, or all such joints are in collision or violate the path constraints.
+        RefusedError: the start is in collision, no joints meet a goal, or all such joints are in collision or violate
+            the path constraints.
     """
+    overlaps = scene.check(q)
+    if overlaps:
+        raise RefusedError(
+            ErrorCode.START_STATE_IN_COLLISION, "start_state", f"{' and '.join(overlaps[0]['bodies'])} overlap"
+        )
     found = [goal for goal in goals if isinstance(goal, np.ndarray)]
     reached, violated = False, False
     for goal in goals:
@@ -85,7 +90,7 @@ def joint_goals(
         for pose in goal.poses:
             if late() or len(found) >= ENOUGH:
                 break
-            rows = scene.ik(pose, q, link=goal.link, max_solutions=EACH, margin=margin)
+            rows = scene.ik(pose, q, link=goal.link, max_solutions=EACH, margin=0.0)
             kept = [row for row in rows if keeps(row)]
             violated = violated or len(kept) < len(rows)
             if not len(rows) and not reached:
@@ -153,7 +158,7 @@ def _turns(message: Any, where: str, world: World, q: Array, link: str) -> list[
     inner = f"{where}.orientation_constraints[0]"
     if str(turning.link_name) != link:
         raise _unknown(f"{inner}.link_name", f"{turning.link_name!r} is another link than {link!r} of the position")
-    free = [tolerance >= np.pi for tolerance in tolerances(turning, inner)]
+    free = [tolerance >= FREE for tolerance in tolerances(turning, inner)]
     if int(turning.parameterization) == ROTATION_VECTOR and sum(free) == 2:
         raise _unknown(inner, "leaves two components of the rotation vector free; use XYZ_EULER_ANGLES")
     frame = world.frame(turning.header.frame_id, q, f"{inner}.header.frame_id")
@@ -186,7 +191,7 @@ def _carrier(name: str, where: str, world: World, q: Array) -> tuple[Array, str]
     """Return the link that carries a frame, and the frame's pose (4, 4) in this link."""
     if name in world.arm.chains:
         return np.eye(4), name
-    item = world.items.get(name) or world.items.get(name.partition("/")[0])
+    item = world.owner(name)
     if item is None or item.link is None:
         raise RefusedError(ErrorCode.INVALID_LINK_NAME, where, f"{name!r} is neither a link nor an attached object")
     at = world.arm.robot.forward_kinematics(q, item.link)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,8 @@ LIMITS = (
     ("has_acceleration_limits", "max_acceleration", "acceleration_limits"),
     ("has_jerk_limits", "max_jerk", "jerk_limits"),
 )
+#: Prefix of these parameters.
+JOINT_LIMITS = "robot_description_planning.joint_limits"
 
 
 def make(name: str, /, **fields: Any) -> Any:
@@ -45,20 +49,27 @@ class PlanningNode(Node):
         """Read the parameters and the robot, and offer the services."""
         super().__init__("gensim2")
         arm = self._arm()
-        margin = float(self._parameter("margin", 0.005))
+        margin = self._number("margin", 0.005, 0.0, 0.1)
         self.planner = Planner(arm, margin=margin, options=self._limits(arm))
-        self._time_step = float(self._parameter("time_step", 0.01))
-        self._cloud_radius = float(self._parameter("cloud_radius", 0.0))
+        self._time_step = self._number("time_step", 0.01, 1e-4, 10.0)
+        self._cloud_radius = self._number("cloud_radius", 0.0, 0.0, 10.0)
         self.create_service(GetMotionPlan, "plan_kinematic_path", self._plan)
         self.create_service(ApplyPlanningScene, "apply_planning_scene", self._apply)
-        self.create_subscription(JointState, "joint_states", self._taking(self.planner.set_joints), 10)
-        self.create_subscription(PlanningScene, "planning_scene", self._taking(self.planner.apply_scene), 100)
+        self.create_subscription(JointState, "joint_states", partial(self._refusal, self.planner.set_joints), 10)
+        self.create_subscription(PlanningScene, "planning_scene", self._follow, 100)
         if self._cloud_radius > 0.0:
-            self.create_subscription(PointCloud2, "points", self._taking(self._cloud), qos_profile_sensor_data)
+            take = partial(self._refusal, self._cloud)
+            self.create_subscription(PointCloud2, "points", take, qos_profile_sensor_data)
         self.get_logger().info(f"plans {list(arm.joints)} of the group {arm.group!r}")
 
     def _parameter(self, name: str, default: Any) -> Any:
         return self.declare_parameter(name, default).value
+
+    def _number(self, name: str, default: float, lowest: float, highest: float) -> float:
+        value = float(self._parameter(name, default))
+        if not lowest <= value <= highest:
+            raise ValueError(f"the parameter {name} is {value}; it must lie between {lowest} and {highest}")
+        return value
 
     def _arm(self) -> Arm:
         """Read the robot from the parameters that MoveIt's nodes have, too."""
@@ -69,7 +80,7 @@ class PlanningNode(Node):
                 raise ValueError(f"the parameter {name} is empty; set it in the launch file or with -p {name}:=...")
         with tempfile.TemporaryDirectory() as folder:
             files = {"urdf": Path(folder) / "robot.urdf", "srdf": Path(folder) / "robot.srdf"}
-            files["urdf"].write_text(urdf, encoding="utf-8")
+            files["urdf"].write_text(self._with_position_limits(urdf), encoding="utf-8")
             if srdf:
                 files["srdf"].write_text(srdf, encoding="utf-8")
             return Arm.from_urdf(
@@ -79,6 +90,27 @@ class PlanningNode(Node):
                 srdf=files["srdf"] if srdf else None,
                 base_link=self._parameter("base_link", "") or None,
             )
+
+    def _with_position_limits(self, urdf: str) -> str:
+        """Return the URDF with the position limits of MoveIt's joint_limits.yaml instead of its own."""
+        try:
+            root = ElementTree.fromstring(urdf)
+        except ElementTree.ParseError as error:
+            raise ValueError(f"the parameter robot_description is no URDF: {error}") from error
+        changed = False
+        for joint in root.findall("joint"):
+            prefix, limit = f"{JOINT_LIMITS}.{joint.get('name')}", joint.find("limit")
+            if joint.get("type") == "fixed" or not self._parameter(f"{prefix}.has_position_limits", False):
+                continue
+            lower, upper = (float(self._parameter(f"{prefix}.{end}_position", np.nan)) for end in ("min", "max"))
+            if limit is None or joint.get("type") == "continuous" or not lower < upper:
+                raise ValueError(
+                    f"{prefix}: min_position {lower} must be below max_position {upper}, and the URDF must have limits"
+                )
+            limit.set("lower", str(lower))
+            limit.set("upper", str(upper))
+            changed = True
+        return ElementTree.tostring(root, encoding="unicode") if changed else urdf
 
     def _limits(self, arm: Arm) -> dict[str, Any]:
         """Return the solver's limits: those of MoveIt's joint_limits.yaml instead of those of the URDF."""
@@ -90,7 +122,7 @@ class PlanningNode(Node):
             own = np.array(getattr(robot, argument.removesuffix("_limits")))
             given = {}
             for name in arm.joints:
-                prefix = f"robot_description_planning.joint_limits.{name}"
+                prefix = f"{JOINT_LIMITS}.{name}"
                 if self._parameter(f"{prefix}.{flag}", False):
                     given[robot.joint_names.index(name)] = float(self._parameter(f"{prefix}.{value}", 0.0))
             if not given:
@@ -116,24 +148,27 @@ class PlanningNode(Node):
         return response
 
     def _apply(self, request: Any, response: Any) -> Any:
-        response.success = self._taking(self.planner.apply_scene)(request.scene)
+        response.success = not self._refusal(self.planner.apply_scene, request.scene)
         return response
+
+    def _follow(self, message: Any) -> None:
+        """Apply a scene of the topic. After a refused scene, whose sender gets no answer, plans are refused, because
+        they could hit the objects of this scene."""
+        refusal = self._refusal(self.planner.apply_scene, message)
+        if refusal:
+            self.planner.missing = refusal
 
     def _cloud(self, message: Any) -> None:
         self.planner.set_cloud(message, self._cloud_radius)
 
-    def _taking(self, take: Callable[[Any], None]) -> Callable[[Any], bool]:
-        """Return a callback that logs why a message was refused, and returns whether it was taken."""
-
-        def callback(message: Any) -> bool:
-            try:
-                take(message)
-            except RefusedError as refused:
-                self.get_logger().error(f"{refused.code.name}: {refused}")
-                return False
-            return True
-
-        return callback
+    def _refusal(self, take: Callable[[Any], None], message: Any) -> str:
+        """Call ``take`` with a message. Log and return the reason of a refusal; empty if the message was taken."""
+        try:
+            take(message)
+        except RefusedError as refused:
+            self.get_logger().error(f"{refused.code.name}: {refused}")
+            return str(refused)
+        return ""
 
 
 def main(args: list[str] | None = None) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 
-from .goals import ROTATION_VECTOR, tolerances
+from .goals import FREE, ROTATION_VECTOR, tolerances
 from .poses import Array, rotation
 from .refusals import ErrorCode, RefusedError
 from .world import World
@@ -88,19 +88,22 @@ def path_constraints_of(message: Any, world: World, q: Array) -> PathConstraints
                 ErrorCode.INVALID_LINK_NAME, f"{where}.link_name", f"{link!r} is no link that moves with the hand"
             )
         frame_id = str(each.header.frame_id)
-        if frame_id in world.arm.chains and not world.arm.is_fixed(frame_id):
+        if world.moves(frame_id):
             raise _refused(f"{where}.header.frame_id", f"{frame_id!r} moves; use a frame that does not")
         frame = world.frame(frame_id, q, f"{where}.header.frame_id")
         wanted = frame[:3, :3] @ rotation(each.orientation, f"{where}.orientation")
         allowed = tolerances(each, where)
-        free = [axis for axis in range(3) if allowed[axis] >= np.pi]
+        free = [axis for axis in range(3) if allowed[axis] >= FREE]
         strictest = min((allowed[axis] for axis in range(3) if axis not in free), default=np.pi)
         if len(free) == 3:
             continue
         if len(free) == 2 or (free == [1] and int(each.parameterization) != ROTATION_VECTOR):
-            raise _refused(where, "leaves rotations free that are no rotation about one axis; free one axis, x or z")
+            raise _refused(
+                where,
+                "the constraint frees more than a rotation about x or z; set only one of its tolerances to pi or more",
+            )
         if not strictest > 0.0:
-            raise _refused(where, "has a tolerance of 0 rad, which no motion keeps; use at least 0.001")
+            raise _refused(where, "the tolerance is 0 rad, so no motion can satisfy it; use at least 0.001 rad")
         strictest = min(strictest, 0.5 * np.pi)
         if free:
             axes = free
@@ -108,7 +111,8 @@ def path_constraints_of(message: Any, world: World, q: Array) -> PathConstraints
             vector = int(each.parameterization) == ROTATION_VECTOR
             angle = 2.0 * np.arcsin(strictest / np.pi) if vector else strictest
         else:
-            # Two orthogonal axes that are off by at most a bound a rotation whose half has the sine sqrt(2) sin(a / 2).
+            # If two orthogonal axes are each tilted by at most a, the rotation angle t satisfies
+            # sin(t / 2) <= sqrt(2) sin(a / 2).
             axes, angle = [0, 2], 2.0 * np.arcsin(np.sin(0.5 * strictest) / np.sqrt(2.0))
         at = world.arm.in_hand(link, q)[:3, :3]
         for axis in axes:

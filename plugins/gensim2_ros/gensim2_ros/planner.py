@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,8 @@ from .world import World
 NAMES = ("", "gensim2")
 #: Speeds (rad/s or m/s) of a start state that count as rest, because measured speeds are never zero.
 REST = 0.01
+#: Largest distance (rad or m) of a measured start from the joint limits that is moved to the limit.
+BEYOND = 0.002
 #: Planning time (s) of a request without one, as in MoveIt.
 PLANNING_TIME = 1.0
 #: Error code of each status of a motion.
@@ -33,6 +35,7 @@ CODES = {
     "unreachable": ErrorCode.NO_IK_SOLUTION,
     "not_found": ErrorCode.PLANNING_FAILED,
     "untimed": ErrorCode.PLANNING_FAILED,
+    "overloaded": ErrorCode.PLANNING_FAILED,
     "cannot_stop": ErrorCode.START_STATE_INVALID,
     "late": ErrorCode.TIMED_OUT,
     "cancelled": ErrorCode.PREEMPTED,
@@ -86,22 +89,26 @@ class Planner:
         self.arm, self.margin, self.options = arm, margin, dict(options or {})
         self.joints: dict[str, float] = {}
         self.world = World(arm)
+        #: Fault of a planning scene that the world lacks; plans are refused until a whole scene is applied. Else empty.
+        self.missing = ""
 
     def set_joints(self, message: Any) -> None:
-        """Take the positions of a ``sensor_msgs/msg/JointState`` for the current ones; other robots' are ignored."""
-        names = set(self.arm.robot.joint_names)
-        found = _positions(message, "")
-        self.joints = {**self.joints, **{name: value for name, value in found.items() if name in names}}
+        """Take the positions of a ``sensor_msgs/msg/JointState`` for the current ones. Joints of other robots and
+        messages without positions are ignored."""
+        if len(message.position):
+            self.joints = {**self.joints, **_positions(message, "", self.arm.robot.joint_names)}
 
     def apply_scene(self, message: Any) -> None:
         """Apply a ``moveit_msgs/msg/PlanningScene``, whole or a difference."""
         joints = self._joints(message.robot_state, "robot_state")
         world = self.world.updated(message, self.arm.vector(joints))
         self.joints, self.world = joints, world
+        if not message.is_diff:
+            self.missing = ""
 
     def set_cloud(self, message: Any, radius: float) -> None:
-        """Take the points of a ``sensor_msgs/msg/PointCloud2`` for obstacles, as spheres of ``radius`` (m), instead of
-        the points before. Points on the robot are left out."""
+        """Replace the cloud obstacle by spheres of ``radius`` (m) at the points of a ``sensor_msgs/msg/PointCloud2``.
+        Points on the robot are left out, and so are points more than 100 m away."""
         q = self._known(self.arm.vector(self.joints), "joint_states")
         self.world = self.world.with_cloud(message, radius, q)
 
@@ -114,7 +121,13 @@ class Planner:
         q = np.zeros(0)
         try:
             _check(request, self.arm)
-            q = self._known(self.arm.vector(self._joints(request.start_state, "start_state")), "start_state")
+            if self.missing:
+                raise RefusedError(
+                    ErrorCode.COLLISION_CHECKING_UNAVAILABLE,
+                    "planning_scene",
+                    f"the scene of a topic was refused ({self.missing}); send a whole scene, with is_diff false",
+                )
+            q = self._start(request.start_state)
             motion = self._motion(request, q, begun)
         except RefusedError as refused:
             return Answer(refused.code, str(refused), time.perf_counter() - begun, q, None)
@@ -148,11 +161,19 @@ class Planner:
         except kpam.ProblemError as error:
             raise _problem(error, path, self.arm) from error
 
+    def _start(self, state: Any) -> Array:
+        """Return the joints (n,) at the start. Values slightly beyond a limit, which are usual for measured joints, are
+        moved to the limit."""
+        robot = self.arm.robot
+        q = self._known(self.arm.vector(self._joints(state, "start_state")), "start_state")
+        inside = np.clip(q, robot.lower, robot.upper)
+        return np.asarray(robot.apply_mimic(np.where(np.abs(q - inside) <= BEYOND, inside, q)))
+
     def _goals(self, goals: Any, scene: kpam.Scene, q: Array, path: PathConstraints, end: float) -> Array:
         def keeps(row: Array) -> bool:
             return path.keeps(self.arm.robot, row)
 
-        return joint_goals(goals, scene, q, self.margin, keeps, lambda: time.perf_counter() > end)
+        return joint_goals(goals, scene, q, keeps, lambda: time.perf_counter() > end)
 
     @staticmethod
     def _first(scene: kpam.Scene, q: Array, goal: Any, options: Any, attempts: int, end: float) -> kpam.Motion:
@@ -204,15 +225,17 @@ class Planner:
         return q
 
 
-def _positions(message: Any, where: str) -> dict[str, float]:
+def _positions(message: Any, where: str, known: Sequence[str] | None = None) -> dict[str, float]:
+    """Return the positions of a JointState by name, or only those of the joints ``known``."""
     names, values = [str(name) for name in message.name], [float(each) for each in message.position]
-    if len(names) != len(values) or not np.isfinite(values).all():
+    found = {name: value for name, value in zip(names, values, strict=False) if known is None or name in known}
+    if len(names) != len(values) or not np.isfinite(list(found.values())).all():
         raise RefusedError(
             ErrorCode.INVALID_ROBOT_STATE,
             f"{where}position",
             f"{values} must be finite, one for each of the {len(names)} names",
         )
-    return dict(zip(names, values, strict=True))
+    return found
 
 
 def _check(request: Any, arm: Arm) -> None:
@@ -222,7 +245,7 @@ def _check(request: Any, arm: Arm) -> None:
             raise RefusedError(
                 ErrorCode.PLANNING_FAILED,
                 name,
-                f"{getattr(request, name)!r} is not here; leave it empty or use 'gensim2'",
+                f"{getattr(request, name)!r} is not available; leave it empty or use 'gensim2'",
             )
     if request.group_name != arm.group:
         raise RefusedError(

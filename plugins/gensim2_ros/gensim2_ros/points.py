@@ -60,14 +60,15 @@ def occupied_cells(message: Any) -> tuple[Array, Array]:
     Raises:
         RefusedError: the tree is of another class than OcTree, or its data end too early.
     """
+    data = _bytes(message.data, "i1")
+    if not data:
+        # MoveIt clears its octomap with an empty one, whose id is "cleared".
+        return np.zeros((0, 3)), np.zeros(0)
     resolution = float(message.resolution)
     if message.id != "OcTree":
         raise _refused("id", f"{message.id!r} cannot be read; publish an OcTree")
     if not (np.isfinite(resolution) and resolution > 0.0):
         raise _refused("resolution", f"{resolution} m must be above 0")
-    data = _bytes(message.data, "i1")
-    if not data:
-        return np.zeros((0, 3)), np.zeros(0)
     try:
         found = _binary(data) if message.binary else _full(data)
     except (IndexError, struct.error) as error:

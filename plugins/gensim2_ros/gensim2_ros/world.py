@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,13 +13,16 @@ import gensim2_kpam as kpam
 from .arm import Arm
 from .collision_matrix import AllowedCollisions
 from .points import cloud_points, occupied_cells
-from .poses import Array, inverse, matrix, rigid, transform
+from .poses import Array, inverse, matrix, transform
 from .refusals import ErrorCode, RefusedError
 from .shapes import Part, parts_of
 
 ADD, REMOVE, APPEND, MOVE = 0, 1, 2, 3
 #: Names of the octomap (MoveIt's) and of the point cloud among the bodies.
 OCTOMAP, CLOUD = "<octomap>", "<cloud>"
+#: Points and cells of the octomap further from the base than this (m) along an axis are left out, because no arm on a
+#: fixed base gets there.
+REACH = 100.0
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,14 @@ class World:
     items: Mapping[str, Item] = field(default_factory=dict)
     transforms: Mapping[str, Array] = field(default_factory=dict)
     matrix: AllowedCollisions = field(default_factory=AllowedCollisions)
-    octomap: tuple[kpam.Shape, ...] = ()
-    cloud: Array | None = None
-    cloud_radius: float = 0.0
+    octomap: kpam.Body | None = None
+    cloud: kpam.Body | None = None
 
     def updated(self, scene: Any, q: Array) -> World:
         """Return the world after a ``moveit_msgs/msg/PlanningScene``, which replaces it or is a difference to it.
+
+        The robot state comes before the objects of the world, as in MoveIt, so that one message can detach an object
+        and give it a new pose.
 
         Args:
             scene: the message. Its robot state must have been applied to ``q``.
@@ -80,8 +85,11 @@ class World:
             _must_be(float(each.padding), 0.0, f"link_padding[{k}].padding")
         for k, each in enumerate(scene.link_scale):
             _must_be(float(each.scale), 1.0, f"link_scale[{k}].scale")
-        world = self if scene.is_diff else World(self.arm, cloud=self.cloud, cloud_radius=self.cloud_radius)
+        world = self if scene.is_diff else World(self.arm, items=self.items, cloud=self.cloud)
         world = world._with_transforms(scene.fixed_frame_transforms, q)
+        world = world.with_state(scene.robot_state, "robot_state", q)
+        if not scene.is_diff:
+            world = replace(world, items=world._attached())
         if len(scene.allowed_collision_matrix.entry_names) or len(scene.allowed_collision_matrix.default_entry_names):
             allowed = AllowedCollisions.from_message(scene.allowed_collision_matrix, "allowed_collision_matrix")
             allowed.check(self.arm.unchecked)
@@ -90,18 +98,19 @@ class World:
             world = world._with_object(message, f"world.collision_objects[{k}]", q)
         if scene.world.octomap.octomap.id:
             world = world._with_octomap(scene.world.octomap, q)
-        return world.with_state(scene.robot_state, "robot_state", q)
+        if world.items is not self.items or world.octomap is not self.octomap:
+            # Bodies that the solver does not accept are refused now, not in the next plan.
+            world.scene(np.nan_to_num(q))
+        return world
 
     def with_state(self, state: Any, where: str, q: Array) -> World:
         """Return the world after the attached objects of a ``moveit_msgs/msg/RobotState``.
 
-        A state that is no difference and not empty releases all objects that it does not name, as in MoveIt.
+        As in MoveIt, a state that has joints and is no difference removes all attached objects that it does not name.
         """
         world = self
-        empty = not (state.is_diff or state.attached_collision_objects or state.joint_state.name)
-        if not (state.is_diff or empty):
-            free = {name: item for name, item in self.items.items() if item.link is None}
-            world = replace(world, items=free)
+        if state.joint_state.name and not state.is_diff:
+            world = replace(world, items={name: item for name, item in self.items.items() if item.link is None})
         for k, message in enumerate(state.attached_collision_objects):
             world = world._with_attached(message, f"{where}.attached_collision_objects[{k}]", q)
         return world
@@ -109,8 +118,8 @@ class World:
     def with_cloud(self, message: Any, radius: float, q: Array) -> World:
         """Return the world with the points of a ``sensor_msgs/msg/PointCloud2`` as spheres.
 
-        Points within 2 cm of the robot at joints ``q`` (n,) or of attached objects are left out. The cloud replaces
-        the cloud before.
+        Points within 2 cm of the robot at joints ``q`` (n,) or of attached objects are left out, and so are points
+        more than 100 m away along an axis of the base. The cloud replaces the cloud before.
 
         Args:
             message: the cloud.
@@ -119,8 +128,12 @@ class World:
         """
         pose = self.frame(message.header.frame_id, q, "header.frame_id")
         points = cloud_points(message) @ pose[:3, :3].T + pose[:3, 3]
-        bare = replace(self, octomap=(), cloud=None).scene(q)
-        return replace(self, cloud=points[~bare.own_points(q, points)], cloud_radius=radius)
+        points = points[np.abs(points).max(axis=1, initial=0.0) <= REACH]
+        points = points[~replace(self, octomap=None, cloud=None).scene(q).own_points(q, points)]
+        if not len(points):
+            return replace(self, cloud=None)
+        spheres = _within("data", lambda: kpam.Shape.point_cloud(points, radius))
+        return replace(self, cloud=kpam.Body(CLOUD, "rigid", [spheres], np.eye(4)))
 
     def frame(self, name: str, q: Array, where: str) -> Array:
         """Return the pose (4, 4) of a frame in the planning frame: a link, an object, ``object/subframe``, or a fixed
@@ -129,15 +142,14 @@ class World:
         Raises:
             RefusedError: the frame is unknown, or a joint above it has no value.
         """
-        name = name.removeprefix("/")
+        name = plain(name)
         if name == "" or name in self.arm.base_frames:
             return np.eye(4)
         if name in self.transforms:
             return self.transforms[name]
         if name in self.arm.chains:
             return self._link(name, q, where)
-        owner, _, sub = name.partition("/")
-        item = self.items.get(name) or self.items.get(owner)
+        item, sub = self.owner(name), name.partition("/")[2]
         if item is None or (item.name != name and sub not in item.subframes):
             raise RefusedError(
                 ErrorCode.FRAME_TRANSFORM_FAILURE,
@@ -148,27 +160,44 @@ class World:
         pose = item.pose if item.link is None else self._link(item.link, q, where) @ item.pose
         return pose if item.name == name else pose @ item.subframes[sub]
 
+    def owner(self, name: str) -> Item | None:
+        """Return the object of a frame ``object`` or ``object/subframe``, or None if there is no such object."""
+        return self.items.get(name) or self.items.get(name.partition("/")[0])
+
+    def moves(self, name: str) -> bool:
+        """Return whether motions move a frame: a link behind a joint of the group, or a frame of an attached object."""
+        name = plain(name)
+        if name in self.arm.base_frames or name in self.transforms:
+            return False
+        if name in self.arm.chains:
+            return not self.arm.is_fixed(name)
+        item = self.owner(name)
+        return item is not None and item.link is not None
+
     def scene(self, q: Array) -> kpam.Scene:
-        """Return the solver's scene; ``q`` (n,) gives the fingers, to which objects may be attached.
+        """Return the solver's scene; ``q`` (n,) includes the finger joints, which place the objects attached to
+        fingers.
 
         Objects that the collision matrix allows to touch every link and every attached object are left out.
+
+        Raises:
+            RefusedError: the solver does not accept an object; names the object.
         """
-        attached = [item for item in self.items.values() if item.link is not None]
-        others = [*self.arm.robot.link_names, *(item.name for item in attached)]
+        others = [*self.arm.robot.link_names, *self._attached()]
         bodies = []
         for item in self.items.values():
-            shapes = [part.build(part.pose) for part in item.parts]
-            if item.link is not None:
-                pose = self.arm.in_hand(item.link, q) @ item.pose
-                bodies.append(_body(item.name, "attached", shapes, pose))
-            elif not self.matrix.allows_all(item.name, others):
-                bodies.append(_body(item.name, "rigid", shapes, item.pose))
-        if self.octomap and not self.matrix.allows_all(OCTOMAP, others):
-            bodies.append(_body(OCTOMAP, "rigid", self.octomap, np.eye(4)))
-        if self.cloud is not None and len(self.cloud):
-            points = kpam.Shape.point_cloud(self.cloud, self.cloud_radius)
-            bodies.append(_body(CLOUD, "rigid", [points], np.eye(4)))
-        return kpam.Scene(self.arm.robot, bodies)
+            pose = item.pose if item.link is None else self.arm.in_hand(item.link, q) @ item.pose
+            body = _body(item, pose)
+            if item.link is not None or not self.matrix.allows_all(item.name, others):
+                bodies.append(body)
+        if self.octomap is not None and not self.matrix.allows_all(OCTOMAP, others):
+            bodies.append(self.octomap)
+        if self.cloud is not None:
+            bodies.append(self.cloud)
+        return _within("planning_scene", lambda: kpam.Scene(self.arm.robot, bodies))
+
+    def _attached(self) -> dict[str, Item]:
+        return {name: item for name, item in self.items.items() if item.link is not None}
 
     def _link(self, link: str, q: Array, where: str) -> Array:
         names = self.arm.robot.joint_names
@@ -187,7 +216,7 @@ class World:
             where = f"fixed_frame_transforms[{k}]"
             parent = world.frame(message.header.frame_id, q, f"{where}.header.frame_id")
             pose = parent @ transform(message.transform, f"{where}.transform")
-            world = replace(world, transforms={**world.transforms, message.child_frame_id: pose})
+            world = replace(world, transforms={**world.transforms, plain(message.child_frame_id): pose})
         return world
 
     def _with_object(self, message: Any, where: str, q: Array) -> World:
@@ -206,7 +235,7 @@ class World:
             if known is None:
                 raise _no_object(f"{where}.id", f"there is no object {name!r} to move; add it first")
             return self._with_items(_moved(known, message, where, frame))
-        item = _item(message, where, frame)
+        item = self._item(message, where, frame)
         if operation == APPEND and known is not None:
             back = inverse(known.pose) @ item.pose
             parts = tuple(Part(part.build, back @ part.pose) for part in item.parts)
@@ -241,7 +270,7 @@ class World:
                 return self._with_items(replace(known, pose=inverse(at) @ at_known, link=link))
             return self._with_items(replace(known, pose=inverse(at) @ known.pose, link=link))
         frame = self.frame(message.object.header.frame_id, q, f"{inner}.header.frame_id")
-        item = _item(message.object, inner, inverse(at) @ frame, link)
+        item = self._item(message.object, inner, inverse(at) @ frame, link)
         if operation == APPEND and known is not None:
             raise _no_object(f"{inner}.operation", "append is not supported for attached objects; use 0 (add)")
         return self._with_items(item)
@@ -263,39 +292,42 @@ class World:
     def _with_octomap(self, message: Any, q: Array) -> World:
         frame = self.frame(message.header.frame_id, q, "world.octomap.header.frame_id")
         pose = frame @ matrix(message.origin, "world.octomap.origin")
-        centres, sides = _within("world.octomap.octomap", lambda: occupied_cells(message.octomap))
-        return replace(self, octomap=tuple(_cells(centres, sides, float(message.octomap.resolution), pose)))
+        where = "world.octomap.octomap"
+        centres, sides = _within(where, lambda: occupied_cells(message.octomap))
+        near = np.abs(centres @ pose[:3, :3].T + pose[:3, 3]).max(axis=1, initial=0.0) - sides <= REACH
+        if not near.any():
+            return replace(self, octomap=None)
+        cubes = _within(
+            where, lambda: kpam.Body(OCTOMAP, "rigid", [kpam.Shape.octree(centres[near], sides[near])], pose)
+        )
+        return replace(self, octomap=cubes)
+
+    def _item(self, message: Any, where: str, frame: Array, link: str | None = None) -> Item:
+        """Return the object of a CollisionObject whose header is at ``frame`` (4, 4)."""
+        name = str(message.id)
+        if name in (OCTOMAP, CLOUD) or name in self.arm.chains:
+            kind = "a link of the robot" if name in self.arm.chains else "a reserved name"
+            raise _no_object(f"{where}.id", f"{name!r} is {kind}; use another id")
+        own, parts = matrix(message.pose, f"{where}.pose"), parts_of(message, where)
+        if not parts:
+            raise _no_object(where, "has neither primitives nor meshes nor planes")
+        names = list(message.subframe_names)
+        poses = [matrix(each, f"{where}.subframe_poses[{k}]") for k, each in enumerate(message.subframe_poses)]
+        if len(names) != len(poses):
+            raise _no_object(f"{where}.subframe_poses", f"has {len(poses)} poses for {len(names)} names")
+        subframes = dict(zip(names, poses, strict=True))
+        if len(parts) == 1 and np.array_equal(own, np.eye(4)):
+            # MoveIt takes the pose of the only shape for the pose of the object.
+            own, parts = parts[0].pose, [Part(parts[0].build, np.eye(4))]
+        return Item(name, frame @ own, tuple(parts), subframes, link)
 
     def _with_items(self, *items: Item) -> World:
         return replace(self, items={**self.items, **{item.name: item for item in items}})
 
 
-def _cells(centres: Array, sides: Array, resolution: float, pose: Array) -> Iterable[kpam.Shape]:
-    """Yield the smallest cells as the spheres around them, and larger cells as boxes."""
-    small = sides < 1.5 * resolution
-    if small.any():
-        points = centres[small] @ pose[:3, :3].T + pose[:3, 3]
-        yield kpam.Shape.point_cloud(points, 0.5 * np.sqrt(3.0) * resolution)
-    for centre, side in zip(centres[~small], sides[~small], strict=True):
-        yield kpam.Shape.box(np.full(3, 0.5 * side), pose @ rigid(np.eye(3), centre))
-
-
-def _item(message: Any, where: str, frame: Array, link: str | None = None) -> Item:
-    """Return the object of a CollisionObject whose header is at ``frame`` (4, 4)."""
-    own, parts = matrix(message.pose, f"{where}.pose"), parts_of(message, where)
-    if not parts:
-        raise _no_object(where, "has neither primitives nor meshes nor planes")
-    names = list(message.subframe_names)
-    poses = [matrix(each, f"{where}.subframe_poses[{k}]") for k, each in enumerate(message.subframe_poses)]
-    if len(names) != len(poses):
-        raise _no_object(f"{where}.subframe_poses", f"has {len(poses)} poses for {len(names)} names")
-    subframes = dict(zip(names, poses, strict=True))
-    if len(parts) == 1 and np.array_equal(own, np.eye(4)):
-        # MoveIt takes the pose of the only shape for the pose of the object.
-        own, parts = parts[0].pose, [Part(parts[0].build, np.eye(4))]
-    # A shape that the solver does not accept is refused now, not in the next plan.
-    _within(where, lambda: [part.build(part.pose) for part in parts])
-    return Item(str(message.id), frame @ own, tuple(parts), subframes, link)
+def plain(name: str) -> str:
+    """Return the name of a frame without the leading slash that some nodes send."""
+    return name.removeprefix("/")
 
 
 def _moved(known: Item, message: Any, where: str, frame: Array) -> Item:
@@ -319,8 +351,10 @@ def _moved(known: Item, message: Any, where: str, frame: Array) -> Item:
     return replace(known, pose=frame @ pose, parts=parts)
 
 
-def _body(name: str, role: Any, shapes: Iterable[kpam.Shape], pose: Array) -> kpam.Body:
-    return kpam.Body(name, role, list(shapes), pose)
+def _body(item: Item, pose: Array) -> kpam.Body:
+    role: Any = "rigid" if item.link is None else "attached"
+    where = f"object {item.name!r}"
+    return _within(where, lambda: kpam.Body(item.name, role, [part.build(part.pose) for part in item.parts], pose))
 
 
 def _within(where: str, make: Callable[[], Any]) -> Any:
