@@ -250,13 +250,12 @@ def _encoded(data: str | bytes) -> bytes:
 
 
 def append(path: Path, data: str | bytes) -> None:
-    """Append data to a log file, whose folder is created if it does not exist.
+    """Append data to a log file. The folder must exist, so that a removed folder is noticed.
 
     Raises:
         WriteError: the file cannot be written to, or the disk is full.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab") as stream:
             stream.write(_encoded(data))
     except OSError as error:

@@ -15,7 +15,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from gensim2.core.errors import InputError
-from gensim2.core.files import append, write_atomic
+from gensim2.core.files import append, not_written, write_atomic
 from gensim2.core.foreign.tree import open_regular, why
 from gensim2.core.record_files import parse_record
 from gensim2.rollout.record import Episode
@@ -66,6 +66,10 @@ class EpisodeLog:
             WriteError: the file cannot be written to.
         """
         entry = replace(episode, index=index)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise not_written(error, self.path) from error
         append(self.path, log_line(entry))
         self.done[index] = entry
 

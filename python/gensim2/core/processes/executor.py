@@ -59,6 +59,7 @@ class Failure:
         """Show the failure, and append it with its traceback to the file ``log``."""
         progress.message(f"job {self.index} failed on attempt {self.number}: {self.reason}")
         if log is not None:
+            log.parent.mkdir(parents=True, exist_ok=True)
             append(log, f"{now()} job {self.index}, try {self.number}: {self.reason}\n{self.traceback or ''}")
 
 
