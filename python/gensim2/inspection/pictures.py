@@ -69,13 +69,14 @@ def drawn(
     Raises:
         InputError: a file of the object cannot be used.
     """
-    points = np.concatenate([_points(model, openness) for openness in dict.fromkeys(share for share, _ in views)])
+    solids = {openness: _solids(model, openness) for openness, _ in views}
+    points = np.concatenate([_points(model, openness, found) for openness, found in solids.items()])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     away = [_towards_camera(azimuth) for _, azimuth in views]
     distance = MARGIN * max(fitting_distance(points - middle, each) for each in away)
     pictures = []
     for (openness, _), direction in zip(views, away, strict=True):
-        drawing = Drawing(_solids(model, openness), middle + distance * direction, middle, size)
+        drawing = Drawing(solids[openness], middle + distance * direction, middle, size)
         for name, place in _keypoints(model, openness).items() if marked else ():
             drawing.point(place, mark_colour(model, name), short_name(name) if named else "")
         pictures.append(drawing.picture())
@@ -179,9 +180,11 @@ def _towards_camera(azimuth: float) -> Array:
     return np.array([-np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def _points(model: ArticulatedObject | RigidObject, openness: float) -> Array:
-    """Return the vertices of the object's surfaces, and its keypoints (N, 3), in the world frame."""
-    _, *own = _solids(model, openness)
+def _points(model: ArticulatedObject | RigidObject, openness: float, solids: Sequence[tuple[Surface, Array]]) -> Array:
+    """Return the vertices of the object's surfaces, and its keypoints (N, 3), in the world frame. The first of `solids`
+    is the table.
+    """
+    _, *own = solids
     vertices = [transform(pose, surface.vertices.astype(np.float64)) for surface, pose in own]
     return np.concatenate([*vertices, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])
 

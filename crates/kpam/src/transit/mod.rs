@@ -236,12 +236,16 @@ impl Transit<'_> {
         if let (true, Some(hit)) = (open.is_empty(), blocked) {
             return Err(NoMotion::GoalsBlocked(hit));
         }
-        if let Some(Some(first)) = open.first().map(|g| self.overload(&g.1))
-            && open.iter().all(|g| self.overload(&g.1).is_some())
-        {
+        let mut overload = None;
+        open.retain(|g| {
+            let found = self.overload(&g.1);
+            let is_held = found.is_none();
+            overload = overload.take().or(found);
+            is_held
+        });
+        if let (true, Some(first)) = (open.is_empty(), overload) {
             return Err(NoMotion::Overloaded(first, "at the goal".to_owned()));
         }
-        open.retain(|g| self.overload(&g.1).is_none());
         let limits = &self.limits;
         let mut pace = [0.0; MAX_JOINTS];
         for v in 0..self.model.n() {
