@@ -38,7 +38,7 @@ class AllowedCollisions:
         return AllowedCollisions(entries, {name: bool(each) for name, each in zip(defaults, values, strict=True)})
 
     def allows(self, first: str, second: str) -> bool | None:
-        """Return whether two bodies may touch; None if the matrix does not say."""
+        """Return whether two bodies may touch; None if the matrix has no entry for them."""
         if (first, second) in self.entries:
             return self.entries[first, second]
         found = [self.defaults[name] for name in (first, second) if name in self.defaults]

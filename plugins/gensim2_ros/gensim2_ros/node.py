@@ -113,7 +113,7 @@ class PlanningNode(Node):
         return ElementTree.tostring(root, encoding="unicode") if changed else urdf
 
     def _limits(self, arm: Arm) -> dict[str, Any]:
-        """Return the solver's limits: those of MoveIt's joint_limits.yaml instead of those of the URDF."""
+        """Return the solver's joint limits. Limits in MoveIt's joint_limits.yaml replace the limits of the URDF."""
         robot, options = arm.robot, {}
         known = self._parameter("limits", "")
         if known:

@@ -186,7 +186,7 @@ class Planner:
         return motion
 
     def _joints(self, state: Any, where: str) -> dict[str, float]:
-        """Return the current joint values with those of a RobotState."""
+        """Return the current joint values, overwritten by the values that a RobotState gives."""
         for k, each in enumerate(state.multi_dof_joint_state.transforms):
             inner = f"{where}.multi_dof_joint_state.transforms[{k}]"
             if not np.allclose(transform(each, inner), np.eye(4), atol=1e-6):
