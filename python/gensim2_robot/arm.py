@@ -172,11 +172,12 @@ class Streamer:
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
         self._ahead: list[tuple[float, Array]] = []
+        self._newest: list[tuple[float, Array]] = []
         self._rows: Array = np.zeros((3, limits.size))
         self.late = 0
 
     def clear(self) -> None:
-        self._motion, self._ahead = None, []
+        self._motion, self._ahead, self._newest = None, [], []
 
     def add(self, targets: Sequence[tuple[float, Array]], sent: Sent, now: float) -> bool:
         """Append targets to the motion, and return whether a motion through all targets was found.
@@ -190,6 +191,7 @@ class Streamer:
         self.late += len(targets) - len(fresh)
         self._ahead = [each for each in self._ahead if each[0] > now + _PASSED] + fresh
         q, v, a = self._state(sent, now)
+        self._newest = [*self._newest, *fresh][-2:]
         times, rows = [now], [q]
         for stamp, target in self._ahead:
             if np.abs(target - rows[-1]).max() > _SAME and stamp > times[-1]:
@@ -198,7 +200,10 @@ class Streamer:
         if len(rows) == 1:
             return True
         stretch = np.diff(times)
-        rows.append(rows[-1] + self._rest(rows[-1], (rows[-1] - rows[-2]) / max(stretch[-1], CYCLE)))
+        # The velocity at the last target follows from the last two targets, even if the arm has already passed the
+        # first of them. It is 0 if a controller repeats a target or has given only one, so the motion ends at it.
+        before, last = self._newest[0], self._newest[-1]
+        rows.append(rows[-1] + self._rest(rows[-1], (last[1] - before[1]) / max(last[0] - before[0], CYCLE)))
         slowest = [*stretch, CYCLE]
         if np.abs(rows[-1] - rows[-2]).max() <= _SAME:
             rows.pop()
@@ -248,7 +253,7 @@ class Streamer:
         """Drop the targets, replace the motion by the fastest stop along its path, and return the duration of the stop
         in seconds.
         """
-        self._ahead = []
+        self._ahead, self._newest = [], []
         if self._motion is None:
             return 0.0
         self._motion = self._motion.brake(now)

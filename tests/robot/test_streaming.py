@@ -99,3 +99,17 @@ def test_standing_targets_are_no_motion(limits: ArmLimits) -> None:
     streamer, sent = Streamer(limits), begin(HOME, limits)
     streamer.add([(0.1, HOME), (0.2, HOME)], sent, 0.0)
     np.testing.assert_array_equal(streamer.at(0.15, sent), HOME)
+
+
+@pytest.mark.parametrize("late", [0, 3, 7])
+def test_an_arm_stays_at_a_repeated_target(limits: ArmLimits, late: int) -> None:
+    """One target is repeated every 0.1 s; with ``late`` above 0, its time is only a few cycles away."""
+    streamer, sent, target, found = Streamer(limits), begin(HOME, limits), HOME + 0.05, [HOME]
+    for cycle in range(400):
+        now = cycle * CYCLE
+        if cycle % 10 == 0:
+            streamer.add([(now + 0.1 - late * CYCLE, target)], sent, now)
+        sent = limit(sent, streamer.at(now + CYCLE, sent), limits)
+        found.append(sent.q)
+    assert np.abs(np.array(found)[100:] - target).max() < 1e-6
+    assert np.array(found)[:100].max(axis=0) == pytest.approx(target, abs=2e-3), "no joint passes its target by far"
