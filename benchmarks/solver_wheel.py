@@ -3,7 +3,7 @@
     python benchmarks/solver_wheel.py [--wheel FILE.whl] [--pythons 3.11 3.14]
 
 Builds source distribution and wheel (or takes FILE), makes a fresh environment a Python with uv, installs the wheel
-there, looks that no gensim2 is in it, and runs the lines of crates/python/README.md on the UR5 of examples/robots. A
+there, looks that no gensim2 is in it, and runs the lines of crates/python/README.md on the UR5e of examples/robots. A
 Python that is not on this machine and cannot be fetched is named and left out. Ends with 1 where one of them fails.
 """
 
@@ -59,7 +59,7 @@ def runs_on(python: str, wheel: Path, folder: Path) -> bool | None:
         return None
     interpreter = environment / "bin/python"
     subprocess.run([uv(), "pip", "install", "--quiet", "--python", interpreter, wheel], check=True)
-    shutil.copy(ROOT / "examples/robots/ur5.urdf", folder / "ur5.urdf")
+    shutil.copy(ROOT / "examples/robots/ur5e.urdf", folder / "ur5e.urdf")
     kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     return not subprocess.run([interpreter, "-c", readme_lines() + CHECK], cwd=folder, check=False, env=kept).returncode
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import gensim2
 
 ROBOTS = Path(__file__).with_name("robots")
-"""A UR5 with the Panda's hand, and an xArm7 whose gripper has one motor, mimic joints and passive hinges."""
+"""A UR5e with the Panda's hand, and an xArm7 whose gripper has one motor, mimic joints and passive hinges."""
 
 
 def main() -> None:
-    for file in (ROBOTS / "ur5.py", ROBOTS / "xarm7.py"):
+    for file in (ROBOTS / "ur5e.py", ROBOTS / "xarm7.py"):
         name = gensim2.load_robot(file)
         robot = gensim2.robot(name)
         print(f"{robot.name}: {robot.arm_size} arm joints, opens {robot.gripper.widest:.3f} m, {robot.control_hz} Hz")

@@ -88,7 +88,7 @@ def test_the_solver_alone_needs_numpy_and_nothing_else() -> None:
 
 
 def test_the_readme_of_the_solver_plans(tmp_path: Path) -> None:
-    (tmp_path / "ur5.urdf").write_bytes((ROOT / "examples/robots/ur5.urdf").read_bytes())
+    (tmp_path / "ur5e.urdf").write_bytes((ROOT / "examples/robots/ur5e.urdf").read_bytes())
     script = readme_lines() + "assert motion.status == 'solved', motion.reason\n"
     answer = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr

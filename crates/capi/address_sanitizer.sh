@@ -15,7 +15,7 @@ run() {
     "${CC:-cc}" -fsanitize=address -g -Icrates/capi/include "crates/capi/$1" "$built/libgensim2_capi.a" \
         -lm -lpthread -ldl -o "$program"
     shift
-    "$program" examples/robots/ur5.urdf "$@"
+    "$program" examples/robots/ur5e.urdf "$@"
 }
 run examples/servo.c flange
 run examples/pick.c

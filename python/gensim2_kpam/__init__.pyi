@@ -61,7 +61,7 @@ class Robot:
 
     Example:
         ```python
-        robot = Robot.from_urdf("ur5.urdf", hand_link="flange")
+        robot = Robot.from_urdf("ur5e.urdf", hand_link="flange")
         T = robot.forward_kinematics([0.8, -1.2, 1.5, -1.9, -1.6, 0.0])  # (4, 4) flange in the base frame
         ```
     """
@@ -102,7 +102,7 @@ class Robot:
 
         Example:
             ```python
-            robot = kpam.Robot.from_urdf("ur5.urdf", hand_link="flange")
+            robot = kpam.Robot.from_urdf("ur5e.urdf", hand_link="flange")
             print(robot.joint_names)
             ```
         """
@@ -1268,7 +1268,7 @@ def read_urdf(content: bytes, file: str) -> dict[str, Any]:
 
     Example:
         ```python
-        document = kpam.read_urdf(Path("ur5.urdf").read_bytes(), "ur5.urdf")
+        document = kpam.read_urdf(Path("ur5e.urdf").read_bytes(), "ur5e.urdf")
         ```
     """
 

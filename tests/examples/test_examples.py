@@ -106,7 +106,7 @@ def _evaluated(said: str, folder: Path) -> None:
 
 def _own_robots(said: str, _: Path) -> None:
     """Two robots of different sizes, each in its own environment."""
-    assert re.findall(r"(\w+): (\d) arm joints, opens 0.080 m, 20 Hz", said) == [("ur5", "6"), ("xarm7", "7")]
+    assert re.findall(r"(\w+): (\d) arm joints, opens 0.080 m, 20 Hz", said) == [("ur5e", "6"), ("xarm7", "7")]
     assert re.findall(r"after a second: openness \S+, (\d) numbers", said) == ["7", "8"]
 
 

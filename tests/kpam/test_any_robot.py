@@ -11,7 +11,7 @@ import trimesh
 
 import gensim2_kpam as kpam
 
-UR5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
+UR5E = Path(__file__).parents[2] / "examples" / "robots" / "ur5e.urdf"
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
 
 
@@ -118,7 +118,7 @@ def test_links_that_overlap_at_the_start_are_named_with_the_remedy(tmp_path: Pat
 )
 def test_links_that_are_always_close_do_not_block_keypoint_plans(start: list[float], goal: list[float]) -> None:
     """The rule of motions to a goal: these links are 0.5 to 0.8 mm apart, less than the margin, in every state."""
-    robot = kpam.Robot.from_urdf(UR5, hand_link="flange")
+    robot = kpam.Robot.from_urdf(UR5E, hand_link="flange")
     scene = kpam.Scene(robot)
     pose = robot.forward_kinematics(goal)
 

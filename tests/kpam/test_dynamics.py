@@ -11,7 +11,7 @@ import pytest
 import gensim2_kpam as kpam
 
 Array = npt.NDArray[np.float64]
-UR5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
+UR5E = Path(__file__).parents[2] / "examples" / "robots" / "ur5e.urdf"
 #: From Franka's documentation of the Research 3: largest velocity, factor under the root, offset, and both limits
 #: (rad).
 FR3 = (
@@ -32,16 +32,16 @@ def allowed(q: Array) -> tuple[Array, Array]:
 
 
 @pytest.fixture(scope="module")
-def ur5() -> kpam.Robot:
-    return kpam.Robot.from_urdf(str(UR5), hand_link="flange")
+def ur5e() -> kpam.Robot:
+    return kpam.Robot.from_urdf(str(UR5E), hand_link="flange")
 
 
-def test_torques_are_pinocchios(ur5: kpam.Robot, panda: kpam.Robot) -> None:
+def test_torques_are_pinocchios(ur5e: kpam.Robot, panda: kpam.Robot) -> None:
     pin = pytest.importorskip("pinocchio")
     from gensim2.robots import robot
 
     draw = np.random.default_rng(5)
-    for ours, urdf in ((ur5, UR5), (panda, robot("panda").urdf)):
+    for ours, urdf in ((ur5e, UR5E), (panda, robot("panda").urdf)):
         model = pin.buildModelFromUrdf(str(urdf))
         data = model.createData()
         names = [str(name) for name in model.names[1:]]
@@ -60,24 +60,24 @@ def rooted(pin: object, model: object) -> float:
     return float(model.inertias[0].mass)  # type: ignore[attr-defined]
 
 
-def test_torques_of_many_states_come_together(ur5: kpam.Robot) -> None:
+def test_torques_of_many_states_come_together(ur5e: kpam.Robot) -> None:
     draw = np.random.default_rng(6)
     q, v, a = draw.uniform(-1, 1, (3, 4, 6))
-    together = ur5.inverse_dynamics(q, v, a)
+    together = ur5e.inverse_dynamics(q, v, a)
     assert together.shape == (4, 6)
-    np.testing.assert_array_equal(together[2], ur5.inverse_dynamics(q[2], v[2], a[2]))
-    weightless = ur5.inverse_dynamics(q[0], 0 * v[0], 0 * a[0], gravity=(0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(together[2], ur5e.inverse_dynamics(q[2], v[2], a[2]))
+    weightless = ur5e.inverse_dynamics(q[0], 0 * v[0], 0 * a[0], gravity=(0.0, 0.0, 0.0))
     np.testing.assert_allclose(weightless, 0.0, atol=1e-12)
     with pytest.raises(kpam.ProblemError, match="shape of q"):
-        ur5.inverse_dynamics(q, v[0], a)
+        ur5e.inverse_dynamics(q, v[0], a)
 
 
-def test_plans_keep_torque_limits_by_pinocchio(ur5: kpam.Robot) -> None:
+def test_plans_keep_torque_limits_by_pinocchio(ur5e: kpam.Robot) -> None:
     pin = pytest.importorskip("pinocchio")
-    model = pin.buildModelFromUrdf(str(UR5))
+    model = pin.buildModelFromUrdf(str(UR5E))
     data = model.createData()
     draw = np.random.default_rng(7)
-    scene = kpam.Scene(ur5)
+    scene = kpam.Scene(ur5e)
     slower = 0
     for _ in range(12):
         a, b = draw.uniform(-1, 1, (2, 6)) + np.array([0, -1.2, 1.2, 0, 0, 0])
@@ -95,10 +95,10 @@ def test_plans_keep_torque_limits_by_pinocchio(ur5: kpam.Robot) -> None:
     assert slower >= 3
 
 
-def test_what_cannot_be_held_has_no_motion(ur5: kpam.Robot) -> None:
+def test_what_cannot_be_held_has_no_motion(ur5e: kpam.Robot) -> None:
     stretched, up = np.zeros(6), np.array([0, -np.pi / 2, 0, 0, 0, 0])
-    load = np.abs(ur5.inverse_dynamics(stretched, np.zeros(6), np.zeros(6)))
-    motion = kpam.Scene(ur5).plan_to(up, stretched, torque_limits=list(0.9 * load + 1.0), samples=2000)
+    load = np.abs(ur5e.inverse_dynamics(stretched, np.zeros(6), np.zeros(6)))
+    motion = kpam.Scene(ur5e).plan_to(up, stretched, torque_limits=list(0.9 * load + 1.0), samples=2000)
     assert motion.status == "overloaded"
     assert motion.trajectory is None
 
@@ -159,27 +159,27 @@ def test_motions_of_an_arm_of_seven_joints_keep_the_research_3s_limits(panda: kp
     assert seen >= 3
 
 
-def test_torques_with_a_payload_are_those_of_an_added_body(ur5: kpam.Robot) -> None:
+def test_torques_with_a_payload_are_those_of_an_added_body(ur5e: kpam.Robot) -> None:
     pin = pytest.importorskip("pinocchio")
     draw = np.random.default_rng(8)
     for _ in range(10):
         mass, center = draw.uniform(0.1, 5.0), draw.uniform(-0.2, 0.2, 3)
         root = draw.normal(0, 0.1, (3, 3))
         inertia = root @ root.T
-        model = pin.buildModelFromUrdf(str(UR5))
+        model = pin.buildModelFromUrdf(str(UR5E))
         flange = model.frames[model.getFrameId("flange")]
         model.appendBodyToJoint(flange.parentJoint, pin.Inertia(mass, center, inertia), flange.placement)
         data = model.createData()
-        loaded = kpam.Scene(ur5).with_payload(mass, center, inertia).robot
-        assert loaded.mass == pytest.approx(ur5.mass + mass)
+        loaded = kpam.Scene(ur5e).with_payload(mass, center, inertia).robot
+        assert loaded.mass == pytest.approx(ur5e.mass + mass)
         for _ in range(10):
             q, v, a = draw.uniform(-2, 2, 6), draw.normal(0, 2, 6), draw.normal(0, 5, 6)
             np.testing.assert_allclose(loaded.inverse_dynamics(q, v, a), pin.rnea(model, data, q, v, a), atol=1e-9)
 
 
-def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
+def test_a_payload_slows_motions_down_or_is_refused(ur5e: kpam.Robot) -> None:
     pin = pytest.importorskip("pinocchio")
-    scene = kpam.Scene(ur5)
+    scene = kpam.Scene(ur5e)
     start, goal = [0.8, -1.2, 1.5, -1.9, -1.6, 0.0], [-0.8, -0.6, 1.0, -1.9, -1.6, 0.0]
     center = [0.02, 0.0, 0.08]
     limits = np.array([60.0, 110.0, 60.0, 20.0, 20.0, 20.0])
@@ -192,7 +192,7 @@ def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
         assert motion is not None
         assert motion.duration > last
         last = motion.duration
-        model = pin.buildModelFromUrdf(str(UR5))
+        model = pin.buildModelFromUrdf(str(UR5E))
         flange = model.frames[model.getFrameId("flange")]
         added = pin.Inertia(mass, np.array(center), np.zeros((3, 3)))
         model.appendBodyToJoint(flange.parentJoint, added, flange.placement)
@@ -203,7 +203,7 @@ def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
     assert (refused.status, refused.trajectory) == ("overloaded", None)
     torque = scene.with_payload(30.0, center).robot.inverse_dynamics(start, np.zeros(6), np.zeros(6))
     worst = int(np.argmax(np.abs(torque) / limits))
-    for part in ("at the start", ur5.joint_names[worst], f"{abs(torque[worst]):.2f}", f"{limits[worst]:.2f}"):
+    for part in ("at the start", ur5e.joint_names[worst], f"{abs(torque[worst]):.2f}", f"{limits[worst]:.2f}"):
         assert part in refused.reason
     # Without a payload, the plan is the one of the scene.
     again = (
@@ -219,13 +219,13 @@ def test_a_payload_slows_motions_down_or_is_refused(ur5: kpam.Robot) -> None:
         scene.with_payload(1.0, inertia=-np.eye(3))
 
 
-def test_a_goal_that_cannot_be_held_leaves_the_other_goals(ur5: kpam.Robot) -> None:
+def test_a_goal_that_cannot_be_held_leaves_the_other_goals(ur5e: kpam.Robot) -> None:
     start = np.array([0.0, -1.57, 0.3, -1.57, 0.0, 0.0])
     stretched, bent = np.array([-0.4, -0.2, 0.1, -1.57, 0.0, 0.0]), np.array([1.6, -1.3, 0.9, -1.0, 0.3, 0.2])
     place = np.eye(4)
-    place[:3, 3] = [0.12, 0.42, 0.95]
+    place[:3, 3] = [0.12, 0.42, 1.03]
     wall = kpam.Body("wall", "rigid", [kpam.Shape.box([0.15, 0.02, 0.25])], place)
-    scene = kpam.Scene(ur5, [wall]).with_payload(5.0, [0.0, 0.0, 0.1])
+    scene = kpam.Scene(ur5e, [wall]).with_payload(5.0, [0.0, 0.0, 0.1])
     needed = [np.abs(scene.robot.inverse_dynamics(q, np.zeros(6), np.zeros(6))) for q in (start, bent)]
     limits = np.maximum(1.4 * np.max(needed, axis=0) + 8.0, 10.0)
     limits[1] = 90.0

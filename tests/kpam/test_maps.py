@@ -11,14 +11,14 @@ import pytest
 import gensim2_kpam as kpam
 from gensim2.core.seeding import rng
 
-UR5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
+UR5E = Path(__file__).parents[2] / "examples" / "robots" / "ur5e.urdf"
 ORIGIN = np.array([0.1, -0.4, 0.0])
 SIZE = 0.05
 
 
 @pytest.fixture(scope="module")
-def ur5() -> kpam.Robot:
-    return kpam.Robot.from_urdf(UR5, hand_link="flange")
+def ur5e() -> kpam.Robot:
+    return kpam.Robot.from_urdf(UR5E, hand_link="flange")
 
 
 def turned() -> np.ndarray:
@@ -41,7 +41,7 @@ def voxels(occupied: np.ndarray, pose: np.ndarray) -> kpam.Body:
     return kpam.Body("map", "rigid", [kpam.Shape.voxels(occupied, SIZE, ORIGIN)], pose)
 
 
-def test_distances_of_voxels_are_those_of_boxes(ur5: kpam.Robot) -> None:
+def test_distances_of_voxels_are_those_of_boxes(ur5e: kpam.Robot) -> None:
     draw = rng(1, "voxels")
     hits = 0
     for pose in (np.eye(4), turned()):
@@ -49,7 +49,7 @@ def test_distances_of_voxels_are_those_of_boxes(ur5: kpam.Robot) -> None:
         occupied[6:12, 3:9, :6] = True  # a solid block
         q = draw.uniform(-2.5, 2.5, (300, 6))
         q[:, 1] = draw.uniform(-2.5, -0.2, 300)
-        ours, theirs = (kpam.Scene(ur5, [body(occupied, pose)]) for body in (voxels, separate))
+        ours, theirs = (kpam.Scene(ur5e, [body(occupied, pose)]) for body in (voxels, separate))
         found, wanted = ours.distance(q, 0.3), theirs.distance(q, 0.3)
         free = wanted > 0
         np.testing.assert_allclose(found[free], wanted[free], atol=2e-6)
@@ -61,23 +61,23 @@ def test_distances_of_voxels_are_those_of_boxes(ur5: kpam.Robot) -> None:
     assert 20 < hits < 580
 
 
-def test_motions_keep_the_margin_from_voxels(ur5: kpam.Robot) -> None:
+def test_motions_keep_the_margin_from_voxels(ur5e: kpam.Robot) -> None:
     occupied = np.zeros((14, 16, 20), dtype=bool)
     occupied[7:9, 7:9, :] = True  # a post in front of the arm
-    scene = kpam.Scene(ur5).with_body(voxels(occupied, np.eye(4)))
+    scene = kpam.Scene(ur5e).with_body(voxels(occupied, np.eye(4)))
     start, goal = [0.8, -1.2, 1.5, -1.9, -1.6, 0], [-0.8, -1.2, 1.5, -1.9, -1.6, 0]
     motion = scene.plan_to(start, goal, margin=0.01)
     assert motion.status == "solved"
     assert motion.trajectory is not None
     q = motion.trajectory.sample_every(0.005)
-    assert kpam.Scene(ur5, [separate(occupied, np.eye(4))]).distance(q).min() > 0.01 - 1e-4 or motion.nearer
+    assert kpam.Scene(ur5e, [separate(occupied, np.eye(4))]).distance(q).min() > 0.01 - 1e-4 or motion.nearer
     straight = np.linspace(start, goal, 200)
     assert scene.in_collision(straight).any()
     # Without the map the same robot moves through the place of the post.
     assert not scene.without_body("map").in_collision(straight).any()
 
 
-def test_leaves_of_several_sizes_are_cubes(ur5: kpam.Robot) -> None:
+def test_leaves_of_several_sizes_are_cubes(ur5e: kpam.Robot) -> None:
     draw = rng(2, "leaves")
     centers, sizes = draw.uniform([0.2, -0.6, 0], [0.8, 0.6, 0.8], (120, 3)), draw.choice([0.02, 0.04, 0.08], 120)
     q = draw.uniform(-2.5, 0, (200, 6))
@@ -88,12 +88,12 @@ def test_leaves_of_several_sizes_are_cubes(ur5: kpam.Robot) -> None:
         return pose
 
     shapes = [kpam.Shape.box([h / 2, h / 2, h / 2 + 2e-7], at(c)) for c, h in zip(centers, sizes, strict=True)]
-    wanted = kpam.Scene(ur5, [kpam.Body("map", "rigid", shapes, np.eye(4))]).distance(q, 0.3)
+    wanted = kpam.Scene(ur5e, [kpam.Body("map", "rigid", shapes, np.eye(4))]).distance(q, 0.3)
     leaves = kpam.Body("map", "rigid", [kpam.Shape.octree(centers, sizes)], np.eye(4))
-    np.testing.assert_allclose(kpam.Scene(ur5, [leaves]).distance(q, 0.3), wanted, atol=3e-6)
+    np.testing.assert_allclose(kpam.Scene(ur5e, [leaves]).distance(q, 0.3), wanted, atol=3e-6)
 
 
-def test_a_distance_field_hides_no_obstacle(ur5: kpam.Robot) -> None:
+def test_a_distance_field_hides_no_obstacle(ur5e: kpam.Robot) -> None:
     """The obstacle is a sphere, whose distances are exact."""
     center, radius = np.array([0.5, 0.1, 0.4]), 0.12
     grid = np.stack(np.meshgrid(*[np.arange(n) for n in (20, 24, 20)], indexing="ij"), axis=-1)
@@ -102,9 +102,9 @@ def test_a_distance_field_hides_no_obstacle(ur5: kpam.Robot) -> None:
     q = rng(3, "sdf").uniform(-2.5, 0, (300, 6))
     pose = np.eye(4)
     pose[:3, 3] = center
-    wanted = kpam.Scene(ur5, [kpam.Body("ball", "rigid", [kpam.Shape.sphere(radius)], pose)]).distance(q, 0.5)
+    wanted = kpam.Scene(ur5e, [kpam.Body("ball", "rigid", [kpam.Shape.sphere(radius)], pose)]).distance(q, 0.5)
     field = kpam.Body("ball", "rigid", [kpam.Shape.sdf(distances, SIZE, ORIGIN)], np.eye(4))
-    found = kpam.Scene(ur5, [field]).distance(q, 0.5)
+    found = kpam.Scene(ur5e, [field]).distance(q, 0.5)
     free = (found > 0) & (wanted > 0)
     assert (found[free] <= wanted[free] + 1e-6).all()
     assert (found[wanted <= 0] <= 0).all()
@@ -112,10 +112,10 @@ def test_a_distance_field_hides_no_obstacle(ur5: kpam.Robot) -> None:
     assert (found >= wanted - np.sqrt(3) * SIZE - 1e-6)[free].all()
     distances[:5] = np.nan
     known = kpam.Scene(
-        ur5, [kpam.Body("ball", "rigid", [kpam.Shape.sdf(distances, SIZE, ORIGIN, unknown="free")], np.eye(4))]
+        ur5e, [kpam.Body("ball", "rigid", [kpam.Shape.sdf(distances, SIZE, ORIGIN, unknown="free")], np.eye(4))]
     )
     np.testing.assert_allclose(known.distance(q, 0.5)[free], found[free], atol=1e-6)
-    blocked = kpam.Scene(ur5, [kpam.Body("ball", "rigid", [kpam.Shape.sdf(distances, SIZE, ORIGIN)], np.eye(4))])
+    blocked = kpam.Scene(ur5e, [kpam.Body("ball", "rigid", [kpam.Shape.sdf(distances, SIZE, ORIGIN)], np.eye(4))])
     assert blocked.in_collision(q).sum() > known.in_collision(q).sum()
 
 
@@ -142,28 +142,28 @@ def test_unusable_maps_are_refused(make: Any, field: str) -> None:
     assert caught.value.field == field
 
 
-def test_a_map_without_obstacles_is_none(ur5: kpam.Robot) -> None:
+def test_a_map_without_obstacles_is_none(ur5e: kpam.Robot) -> None:
     empty = kpam.Body("map", "rigid", [kpam.Shape.voxels(np.zeros((3, 0, 2), dtype=bool), 0.1)], np.eye(4))
-    assert not kpam.Scene(ur5).with_body(empty).in_collision([0.8, -1.2, 1.5, -1.9, -1.6, 0])
+    assert not kpam.Scene(ur5e).with_body(empty).in_collision([0.8, -1.2, 1.5, -1.9, -1.6, 0])
     with pytest.raises(kpam.ProblemError, match="not a body"):
-        kpam.Scene(ur5).without_body("map")
+        kpam.Scene(ur5e).without_body("map")
 
 
-def test_every_byte_of_a_boolean_array_counts(ur5: kpam.Robot) -> None:
+def test_every_byte_of_a_boolean_array_counts(ur5e: kpam.Robot) -> None:
     # A mask of 0 and 255 that is viewed as bool keeps its bytes.
     mask = np.full((20, 20, 20), 255, dtype=np.uint8)
     mask[:10] = 0
     found = kpam.Body("map", "rigid", [kpam.Shape.voxels(mask.view(bool), 0.04, [-0.4, -0.4, 0.0])], np.eye(4))
     wanted = kpam.Body("map", "rigid", [kpam.Shape.voxels(mask > 0, 0.04, [-0.4, -0.4, 0.0])], np.eye(4))
     q = rng(5, "voxels").uniform(-2.5, 2.5, (100, 6))
-    distances = kpam.Scene(ur5, [wanted]).distance(q, 0.3)
+    distances = kpam.Scene(ur5e, [wanted]).distance(q, 0.3)
     assert (distances <= 0).any()
-    np.testing.assert_array_equal(kpam.Scene(ur5, [found]).distance(q, 0.3), distances)
+    np.testing.assert_array_equal(kpam.Scene(ur5e, [found]).distance(q, 0.3), distances)
 
 
-def test_an_object_is_lifted_from_a_table_of_voxels(ur5: kpam.Robot) -> None:
+def test_an_object_is_lifted_from_a_table_of_voxels(ur5e: kpam.Robot) -> None:
     q, up = np.array([0.3, -1.2, 1.5, -1.9, -1.6, 0]), np.array([0.3, -1.4, 1.5, -1.9, -1.6, 0])
-    hand = ur5.forward_kinematics(q)[:3, 3]
+    hand = ur5e.forward_kinematics(q)[:3, 3]
     for seed in range(5):
         place = np.eye(4)
         place[:3, 3] = hand - [0.0, 0.0, 0.12]
@@ -171,6 +171,6 @@ def test_an_object_is_lifted_from_a_table_of_voxels(ur5: kpam.Robot) -> None:
         corner = hand - [0.3, 0.3, 0.25]
         table = kpam.Shape.voxels(np.ones((12, 12, 2), dtype=bool), 0.05, corner)
         thing = kpam.Body("thing", "rigid", [kpam.Shape.box([0.03, 0.03, 0.03])], place)
-        scene = kpam.Scene(ur5, [kpam.Body("table", "rigid", [table], np.eye(4)), thing]).attached("thing", q)
+        scene = kpam.Scene(ur5e, [kpam.Body("table", "rigid", [table], np.eye(4)), thing]).attached("thing", q)
         assert abs(scene.distance(q)) < 1e-7  # the object stands on the table
         assert scene.plan_to(q, up).status == "solved"

@@ -188,9 +188,9 @@ def test_checks_in_a_batch_are_single_checks_and_full_measurement(panda: kpam.Ro
     ],
 )
 def test_links_that_are_always_close_do_not_block_motions(start: list[float], goal: list[float]) -> None:
-    """Two links of this UR5 are 0.5 to 0.8 mm apart, and closer between the start and the goal than at both."""
-    ur5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
-    scene = kpam.Scene(kpam.Robot.from_urdf(ur5, hand_link="flange"))
+    """Two links of this UR5e are 0.5 to 0.8 mm apart, and closer between the start and the goal than at both."""
+    ur5e = Path(__file__).parents[2] / "examples" / "robots" / "ur5e.urdf"
+    scene = kpam.Scene(kpam.Robot.from_urdf(ur5e, hand_link="flange"))
     motion = scene.plan_to(start, goal, samples=3000)
     assert motion.status == "solved", motion.reason
     assert motion.trajectory is not None

@@ -7,7 +7,7 @@ from pathlib import Path
 from gensim2.robots import load_robot
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
-OWN = ("ur5", "xarm7", "iiwa14")
+OWN = ("ur5e", "xarm7", "iiwa14")
 
 
 def pytest_generate_tests(metafunc: object) -> None:

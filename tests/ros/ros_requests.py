@@ -13,18 +13,18 @@ from scipy.spatial.transform import Rotation
 from .ros_messages import make, message
 
 ROOT = Path(__file__).parents[2]
-UR5 = ROOT / "examples/robots/ur5.urdf"
+UR5E = ROOT / "examples/robots/ur5e.urdf"
 PANDA = ROOT / "python/gensim2/robots/franka_description/panda.urdf"
-#: Joints of the UR5 on both sides of a post at x = 0.5 m, rad.
+#: Joints of the UR5e on both sides of a post at x = 0.5 m, rad.
 START = np.array([0.8, -1.2, 1.5, -1.9, -1.6, 0.0])
 GOAL = np.array([-0.8, -1.2, 1.5, -1.9, -1.6, 0.0])
 #: Joints of the Panda with open fingers.
 PANDA_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
 
 
-def ur5_planner(**options: Any) -> Planner:
-    """Return a planner of the UR5, which is at ``START``."""
-    arm = Arm.from_urdf(UR5, group="manipulator", hand_link="flange")
+def ur5e_planner(**options: Any) -> Planner:
+    """Return a planner of the UR5e, which is at ``START``."""
+    arm = Arm.from_urdf(UR5E, group="manipulator", hand_link="flange")
     planner = Planner(arm, options=options or {"acceleration_limits": [5.0] * 6, "jerk_limits": [100.0] * 6})
     planner.set_joints(joint_state(arm.joints, START))
     return planner
@@ -135,6 +135,6 @@ def pose_goal(positions: Sequence[Any], orientations: Sequence[Any] = ()) -> Any
 
 
 def request(*goals: Any, **fields: Any) -> Any:
-    """Return a MotionPlanRequest of the UR5."""
+    """Return a MotionPlanRequest of the UR5e."""
     known = {"group_name": "manipulator", "allowed_planning_time": 20.0, "goal_constraints": list(goals)}
     return message("moveit_msgs/msg/MotionPlanRequest", **{**known, **fields})

@@ -14,10 +14,10 @@ import pytest
 from gensim2_ros import ErrorCode
 
 from .ros_messages import make, message, store
-from .ros_requests import GOAL, START, UR5, at, difference, header, joint_goal, joint_state, primitive, request, thing
+from .ros_requests import GOAL, START, UR5E, at, difference, header, joint_goal, joint_state, primitive, request, thing
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-PARAMETERS = {"robot_description": UR5.read_text(encoding="utf-8"), "group": "manipulator", "hand_link": "flange"}
+PARAMETERS = {"robot_description": UR5E.read_text(encoding="utf-8"), "group": "manipulator", "hand_link": "flange"}
 
 
 class FakeLogger:

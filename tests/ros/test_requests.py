@@ -18,7 +18,7 @@ from .ros_messages import make, store
 from .ros_requests import (
     GOAL,
     START,
-    UR5,
+    UR5E,
     at,
     difference,
     header,
@@ -30,7 +30,7 @@ from .ros_requests import (
     primitive,
     request,
     thing,
-    ur5_planner,
+    ur5e_planner,
 )
 
 POST = thing("post", primitive(1, 0.1, 0.1, 1.0), at(0.5, 0.0, 0.5))
@@ -39,7 +39,7 @@ RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
 
 @pytest.fixture
 def planner() -> Planner:
-    planner = ur5_planner()
+    planner = ur5e_planner()
     planner.apply_scene(difference(POST))
     return planner
 
@@ -51,7 +51,7 @@ def goal(planner: Planner) -> Any:
 
 def placement(q: Any, link: str = "flange") -> np.ndarray:
     """Return the pose (4, 4) of a link as Pinocchio computes it."""
-    model = pinocchio.buildModelFromUrdf(str(UR5))
+    model = pinocchio.buildModelFromUrdf(str(UR5E))
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, np.asarray(q, dtype=float))
     return np.asarray(data.oMf[model.getFrameId(link)].homogeneous)
@@ -127,7 +127,7 @@ def test_a_pose_goal_is_reached_with_its_offset_and_frames(planner: Planner) -> 
 
 @pytest.mark.parametrize("free", ["z", "x", "y", "xy", "xyz", "position"])
 def test_free_rotations_are_used(planner: Planner, free: str) -> None:
-    wanted, offset = at(0.4, 0.5, 0.1, [2.1, -1.05, 0.6]), (0.2, 0.2, 0.2)
+    wanted, offset = at(0.4, 0.5, 0.1, [0.69, -0.7, 2.98]), (0.2, 0.2, 0.2)
     place = position("flange", wanted[:3, 3], offset=offset)
     exact = orientation("flange", wanted[:3, :3], (0.01,) * 3)
     assert planner.plan(request(pose_goal([place], [exact]))).code == ErrorCode.NO_IK_SOLUTION
@@ -332,7 +332,7 @@ def test_a_start_in_collision_is_refused(planner: Planner, goal: Any) -> None:
 
 
 def test_joints_must_be_known(goal: Any) -> None:
-    planner = Planner(ur5_planner().arm)
+    planner = Planner(ur5e_planner().arm)
     answer = planner.plan(request(goal))
     assert answer.code == ErrorCode.INVALID_ROBOT_STATE
     assert "wrist_3_joint" in answer.message
@@ -340,7 +340,7 @@ def test_joints_must_be_known(goal: Any) -> None:
 
 def test_codes_are_those_of_moveit_and_cover_every_status() -> None:
     assert set(CODES) == set(kpam.MotionStatus)
-    weak = ur5_planner(torque_limits=[1.0] * 6)
+    weak = ur5e_planner(torque_limits=[1.0] * 6)
     assert weak.plan(request(joint_goal(weak.arm.joints, GOAL))).code == ErrorCode.PLANNING_FAILED
     codes = store().types["moveit_msgs/msg/MoveItErrorCodes"]
     assert {code.name: code.value for code in ErrorCode} == {code.name: getattr(codes, code.name) for code in ErrorCode}

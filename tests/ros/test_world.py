@@ -24,7 +24,7 @@ from .ros_requests import (
     primitive,
     request,
     thing,
-    ur5_planner,
+    ur5e_planner,
     vector3,
 )
 
@@ -34,7 +34,7 @@ FAR = at(1.2, -0.4, 0.3, [0.3, -0.2, 0.5])
 
 @pytest.fixture
 def planner() -> Planner:
-    return ur5_planner()
+    return ur5e_planner()
 
 
 @pytest.fixture
@@ -355,7 +355,7 @@ def test_what_the_solver_cannot_do_is_refused_and_changes_nothing(panda: Planner
         "set the planner's margin": difference(
             link_padding=[make("moveit_msgs/msg/LinkPadding", link_name="panda_hand", padding=0.01)]
         ),
-        "another robot": difference(robot_model_name="ur5"),
+        "another robot": difference(robot_model_name="ur5e"),
         "no square matrix": difference(
             allowed_collision_matrix=make("moveit_msgs/msg/AllowedCollisionMatrix", entry_names=["a"])
         ),

@@ -29,7 +29,7 @@ FAR_AWAY = np.array([[1.0, 0, 0, 50.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]
 
 PACKAGED = ("panda", "fetch")
 #: Boxes and cylinders, with passive hinges.
-OWN = tuple(load_robot(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5", "xarm7"))
+OWN = tuple(load_robot(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5e", "xarm7"))
 
 
 def camera(eye: tuple[float, float, float] = (0.0, -2.0, 0.5), name: str = "a") -> Camera:

@@ -4,7 +4,7 @@
  * attaches and detaches the part, replans while the arm moves, and cancels a search from another thread.
  *
  *   cc -std=c11 -Iinclude examples/pick.c -L../../target/release -lgensim2_capi -lm -lpthread -o pick
- *   ./pick ../../examples/robots/ur5.urdf
+ *   ./pick ../../examples/robots/ur5e.urdf
  */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
@@ -106,7 +106,7 @@ static void *operator_thread(void *cancel)
 int main(int count, char **arguments)
 {
     if (count != 2) {
-        fprintf(stderr, "usage: %s UR5_URDF\n", arguments[0]);
+        fprintf(stderr, "usage: %s UR5E_URDF\n", arguments[0]);
         return 2;
     }
     if (kpam_abi_version() != KPAM_ABI_VERSION) {

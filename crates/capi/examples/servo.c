@@ -1,7 +1,7 @@
 /* Execute a planned motion at 1 kHz, brake in its middle, and continue to the goal.
  *
  *   cc -std=c11 -Iinclude examples/servo.c -L../../target/release -lgensim2_capi -lm -o servo
- *   ./servo ../../examples/robots/ur5.urdf flange
+ *   ./servo ../../examples/robots/ur5e.urdf flange
  */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>

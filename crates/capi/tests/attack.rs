@@ -7,7 +7,7 @@ use std::ptr::{dangling_mut, null, null_mut};
 
 use gensim2_capi::*;
 
-const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/robots/ur5.urdf");
+const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/robots/ur5e.urdf");
 const RACK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/robots/rack_gripper.urdf");
 const START: [f64; 6] = [0.0, -1.2, 1.5, -1.9, -1.6, 0.0];
 const GOAL: [f64; 6] = [0.8, -1.2, 1.5, -1.9, -1.6, 0.0];

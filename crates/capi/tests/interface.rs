@@ -10,7 +10,7 @@ use gensim2_capi::{kpam_retime, kpam_status, kpam_trajectory_end, kpam_trajector
 
 mod compiled;
 
-use compiled::{built, compile, root, run, ur5};
+use compiled::{built, compile, root, run, ur5e};
 
 /// The system's allocator, which also counts the allocations of this thread.
 struct Counting;
@@ -81,7 +81,7 @@ fn sampling_allocates_nothing() {
 #[test]
 fn a_program_in_c_drives_a_motion_at_1_khz() {
     let program = compile("examples/servo.c");
-    let said = run(&program, &[&ur5(), Path::new("flange")]);
+    let said = run(&program, &[&ur5e(), Path::new("flange")]);
     assert!(said.contains("refused: q_start is null"), "{said}");
     let missing = Command::new(&program).args(["no.urdf", "flange"]).output().expect("the program runs");
     assert!(String::from_utf8_lossy(&missing.stderr).contains("no.urdf"));
@@ -89,7 +89,7 @@ fn a_program_in_c_drives_a_motion_at_1_khz() {
 
 #[test]
 fn a_program_in_c_picks_and_places_a_part() {
-    let said = run(&compile("examples/pick.c"), &[&ur5()]);
+    let said = run(&compile("examples/pick.c"), &[&ur5e()]);
     for part in ["4 postures above the part", "warning: limits on acceleration", "new goal: ", "planning was cancelled"]
     {
         assert!(said.contains(part), "{part:?} is missing in {said}");

@@ -43,7 +43,7 @@ pub(crate) struct PyRobot(pub Arc<Robot>);
 
 #[pymethods]
 impl PyRobot {
-    /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5.urdf", hand_link="flange")`. `hand_link` carries
+    /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5e.urdf", hand_link="flange")`. `hand_link` carries
     /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root);
     /// `package_dirs` are folders of packages named by `package://` paths; `joints` names the joints that planning moves
     /// (default: those between the base and the hand). An unusable file raises a `UrdfError` that names the link or

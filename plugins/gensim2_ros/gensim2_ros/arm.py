@@ -66,7 +66,7 @@ class Arm:
 
         Example:
             ```python
-            arm = Arm.from_urdf("ur5.urdf", group="manipulator", hand_link="flange")
+            arm = Arm.from_urdf("ur5e.urdf", group="manipulator", hand_link="flange")
             ```
         """
         robot = kpam.Robot.from_urdf(

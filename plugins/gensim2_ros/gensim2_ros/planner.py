@@ -69,7 +69,7 @@ class Planner:
 
     Example:
         ```python
-        planner = Planner(Arm.from_urdf("ur5.urdf", group="manipulator", hand_link="flange"))
+        planner = Planner(Arm.from_urdf("ur5e.urdf", group="manipulator", hand_link="flange"))
         planner.set_joints(joint_state)
         planner.apply_scene(planning_scene)
         answer = planner.plan(motion_plan_request)

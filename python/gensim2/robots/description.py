@@ -25,7 +25,7 @@ def read_description(urdf: Path) -> ET.Element:
 
     Example:
         ```python
-        arm = read_description(Path("ur5.urdf"))
+        arm = read_description(Path("ur5e.urdf"))
         print([link.get("name") for link in arm.iter("link")])
         ```
     """
@@ -58,7 +58,7 @@ def mounted(
 
     Example:
         ```python
-        arm = read_description(Path("ur5.urdf"))
+        arm = read_description(Path("ur5e.urdf"))
         hand = read_description(robot_folder("panda") / "panda_v2.urdf")
         both = mounted(arm, "flange", hand, "panda_hand")
         ```
@@ -97,7 +97,7 @@ def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
 
     Example:
         ```python
-        srdf = touching_neighbours(read_description(Path("ur5.urdf")), ("wrist_1_link", "wrist_3_link"))
+        srdf = touching_neighbours(read_description(Path("ur5e.urdf")), ("wrist_1_link", "wrist_3_link"))
         ```
     """
     srdf = ET.Element("robot", name=str(root.get("name")))
@@ -121,8 +121,8 @@ def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
 
     Example:
         ```python
-        arm = read_description(Path("ur5.urdf"))
-        files = stored("ur5", arm, touching_neighbours(arm))
+        arm = read_description(Path("ur5e.urdf"))
+        files = stored("ur5e", arm, touching_neighbours(arm))
         ```
     """
     text = urdf if isinstance(urdf, str) else ET.tostring(urdf, encoding="unicode")

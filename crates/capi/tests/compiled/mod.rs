@@ -9,9 +9,9 @@ pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The description of a UR5.
-pub fn ur5() -> PathBuf {
-    root().join("../../examples/robots/ur5.urdf")
+/// The description of a UR5e.
+pub fn ur5e() -> PathBuf {
+    root().join("../../examples/robots/ur5e.urdf")
 }
 
 /// Returns the folder with the library that was built together with this test.
