@@ -946,8 +946,9 @@ class Servo:
             q: (n,) values of all joints; joints that are not planned keep their values.
             link: link that follows poses and velocities; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start keep that
-                smaller distance. Links that are closer than ``margin`` in every configuration only have to avoid
-                collisions.
+                smaller distance. Pairs that touch at the start, such as an attached body and its support, may move
+                apart and touch again; they overlap by at most 0.1 mm. Links that are closer than ``margin`` in every
+                configuration only have to avoid collisions.
             posture: (n,) joint values that a redundant arm moves toward without moving the link; default: ``q``.
             dt: length of a step, 0.0001 to 0.1 s.
             velocity_scale: fraction of the velocity limits that may be used, above 0, at most 1.

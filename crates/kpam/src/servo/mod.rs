@@ -201,6 +201,13 @@ impl Servo {
             return Err(ProblemError::new("q", message));
         }
         let mut needs = world.needs_beside(robot, &close, margin, margin);
+        // Bodies in contact may move apart, or slide within a tolerance: unlike screening, the proof by planes holds for
+        // overlaps too.
+        for (group, other, distance) in close.iter().filter(|c| c.2 < TOUCH) {
+            if let Some(need) = world.need_mut(&mut needs, *group, *other) {
+                *need = need.min(distance - TOUCH);
+            }
+        }
         world.leave_out_still(&mut needs, |joint| model.map().moves(joint));
         let limits = self.limits.admitting(&x, &velocity, &acceleration);
         let joints: Vec<JointLimits> = (0..model.n())

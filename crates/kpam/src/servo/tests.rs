@@ -191,3 +191,34 @@ fn a_proven_motion_keeps_all_distances() {
         }
     }
 }
+
+#[test]
+fn an_attached_body_is_lifted_from_its_support_and_put_down_again() {
+    let mut bodies = scene().bodies().to_vec();
+    let part = Convex::cuboid([0.05, 0.04, 0.02], &Pose::identity()).unwrap();
+    let table = Convex::cuboid([0.1, 0.1, 0.3], &Pose::identity()).unwrap();
+    for (name, shape, z) in [("part", part, 0.62), ("table", table, 0.3)] {
+        let pose = Pose::translation(0.25, 0.0, z);
+        bodies.push(Body::builder(name, Role::Rigid).shape(shape).pose(pose).build().unwrap());
+    }
+    let robot = Arc::clone(scene().robot());
+    let hand = Pose::translation(0.02, 0.0, 0.8);
+    let scene = Scene::new(robot, bodies, Vec::new()).unwrap().attached("part", &hand).unwrap();
+    let mut servo = servo(&scene);
+    let pose = |shift: f64| Target::Pose { pose: Pose::translation(0.02, 0.0, 0.8 + shift), twist: [0.0; 6] };
+    let place = |servo: &mut Servo, target: &Target| {
+        let mut checker = scene.checker();
+        let (mut found, mut nearest) = (Vec::new(), f64::INFINITY);
+        for _ in 0..1000 {
+            found = servo.step(target).unwrap().position;
+            nearest = checker.distance(&found, 1.0).unwrap().min(nearest);
+        }
+        (found, nearest)
+    };
+    let (lifted, nearest) = place(&mut servo, &pose(0.04));
+    assert!((lifted[1] - 0.04).abs() < 1e-3 && nearest > -1.1e-4, "{lifted:?} {nearest}");
+    let (put_down, nearest) = place(&mut servo, &pose(0.0));
+    assert!(put_down[1].abs() < 5e-4 && nearest > -1.1e-4, "{put_down:?} {nearest}");
+    let (_, nearest) = place(&mut servo, &pose(-0.03));
+    assert!(nearest > -1.1e-4, "{nearest}");
+}

@@ -109,16 +109,20 @@ impl Compiled {
                 Other::Pair(pair) if robot.is_always_close(self.screen.pairs()[*pair], margin) => 0.0,
                 _ => (distance - TOUCH).min(clearance).max(0.0),
             };
-            let place = match self.screen.body(*other) {
-                Some(body) => &mut needs.bodies[group * self.screen.bodies() + body],
-                None => match other {
-                    Other::Pair(pair) => &mut needs.pairs[*pair],
-                    Other::Element(_) | Other::Cloud(_) => continue,
-                },
-            };
-            *place = place.min(need);
+            if let Some(place) = self.need_mut(&mut needs, *group, *other) {
+                *place = place.min(need);
+            }
         }
         needs
+    }
+
+    /// Returns the required distance of a group from a body or from another group; `None` for a part of no body.
+    pub fn need_mut<'n>(&self, needs: &'n mut Needs, group: usize, other: Other) -> Option<&'n mut f64> {
+        match (self.screen.body(other), other) {
+            (Some(body), _) => Some(&mut needs.bodies[group * self.screen.bodies() + body]),
+            (None, Other::Pair(pair)) => Some(&mut needs.pairs[pair]),
+            (None, Other::Element(_) | Other::Cloud(_)) => None,
+        }
     }
 
     /// Returns all checked pairs closer than `reach` (m) at a full joint vector.
