@@ -319,6 +319,9 @@ fn origin(element: &Element<'_>) -> Result<Origin, UrdfError> {
     Ok(out)
 }
 
+/// Negative moments of inertia (kg m²) that are rounding errors of the program that wrote the file.
+const ROUNDED_INERTIA: f64 = 1e-12;
+
 fn inertial(element: &Element<'_>) -> Result<InertialDescription, UrdfError> {
     const TENSOR: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
     element.check_spelling(&["origin", "mass", "inertia"], &[])?;
@@ -337,7 +340,10 @@ fn inertial(element: &Element<'_>) -> Result<InertialDescription, UrdfError> {
         let _ = tensor.required(name)?;
         *place = tensor.number(name)?.unwrap_or_default();
         if name.as_bytes()[1] == name.as_bytes()[2] && *place < 0.0 {
-            return Err(tensor.wrong(name, format!("must not be negative, is {place}")));
+            if *place < -ROUNDED_INERTIA {
+                return Err(tensor.wrong(name, format!("must not be negative, is {place}")));
+            }
+            *place = 0.0;
         }
     }
     Ok(InertialDescription { origin: origin(element)?, mass: value, inertia })
@@ -448,6 +454,11 @@ mod tests {
             ("<colision/>".into(), "link l1", "write <collision>"),
             (inertial("<mass value='1'/>"), "link l1: inertial", "<inertia>"),
             (inertial(&format!("<mass value='-1'/>{tensor}")), "link l1: inertial: mass.value", "negative"),
+            (
+                inertial(&format!("<mass value='1'/>{}", tensor.replace(r#"ixx="1""#, r#"ixx="-2e-12""#))),
+                "link l1: inertial: inertia.ixx",
+                "negative",
+            ),
             (inertial(&format!("<mass/>{tensor}")), "link l1: inertial: mass.value", "missing"),
         ];
         for (link, field, message) in links {
@@ -484,6 +495,14 @@ mod tests {
         assert!(with(r#"<xacro:include filename="b"/>"#).unwrap_err().message.contains("<xacro:include>"));
         assert_eq!(with("<x:link/><gazebo/>").unwrap().links.len(), 1);
         assert!(Description::parse("<sdf/>", "a.urdf").unwrap_err().message.contains("<robot>"));
+    }
+
+    #[test]
+    fn a_negative_moment_of_inertia_that_is_a_rounding_error_is_zero() {
+        let text = r#"<robot name="a"><link name="l"><inertial><mass value="0"/>
+            <inertia ixx="-5e-20" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"#;
+        let links = Description::parse(text, "a.urdf").unwrap().links;
+        assert_eq!(links[0].inertial.as_ref().unwrap().inertia, [0.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
     }
 
     #[test]

@@ -7,8 +7,11 @@ use crate::UrdfError;
 /// Maximum depth of nested elements. XML parsers recurse, and the stack is finite.
 const DEEPEST: usize = 64;
 const MAX_ELEMENTS: usize = 50_000;
+/// Maximum number of prefixes without a declaration that are declared.
+const MAX_PREFIXES: usize = 16;
 
-/// Returns the text of a document, encoded as its byte order mark or first line says; by default in UTF-8.
+/// Returns the text of a document, encoded as its byte order mark or first line says; by default in UTF-8. Prefixes
+/// without a declaration are declared.
 pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
     let fail = |message: String| UrdfError::new(file, "XML", format!("not XML: {message}"));
     let declared = declared_encoding(content);
@@ -25,7 +28,7 @@ pub(crate) fn decode(content: &[u8], file: &str) -> Result<String, UrdfError> {
             "the file is not {name}; declare its encoding in the first line, or save it as UTF-8"
         )));
     }
-    Ok(text.into_owned())
+    Ok(with_prefixes(text.into_owned()))
 }
 
 /// Returns the encoding declared by `<?xml ... encoding="..."?>` at the beginning of a document.
@@ -57,16 +60,7 @@ pub(crate) fn parse<'t>(text: &'t str, file: &str) -> Result<Document<'t>, UrdfE
 /// Returns an error for text with too many or too deeply nested elements.
 pub(crate) fn check_size(text: &str) -> Result<(), String> {
     let (mut depth, mut count) = (0_usize, 0_usize);
-    let mut rest = text;
-    while let Some(open) = rest.find('<') {
-        rest = &rest[open + 1..];
-        let whole = [("!--", "-->"), ("![CDATA[", "]]>"), ("?", "?>")];
-        if let Some((inside, end)) = whole.iter().find_map(|(start, end)| Some((rest.strip_prefix(start)?, end))) {
-            rest = inside.find(end).map_or("", |at| &inside[at + end.len()..]);
-            continue;
-        }
-        let (tag, behind) = rest.split_at(tag_end(rest));
-        rest = behind;
+    for tag in tags(text) {
         if tag.starts_with('/') {
             depth = depth.saturating_sub(1);
         } else if !tag.starts_with('!') {
@@ -81,6 +75,59 @@ pub(crate) fn check_size(text: &str) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// Returns the content of all tags between `<` and `>`, without comments, CDATA sections and instructions.
+fn tags(text: &str) -> impl Iterator<Item = &str> {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        loop {
+            rest = &rest[rest.find('<')? + 1..];
+            let whole = [("!--", "-->"), ("![CDATA[", "]]>"), ("?", "?>")];
+            if let Some((inside, end)) = whole.iter().find_map(|(start, end)| Some((rest.strip_prefix(start)?, end))) {
+                rest = inside.find(end).map_or("", |at| &inside[at + end.len()..]);
+                continue;
+            }
+            let (tag, behind) = rest.split_at(tag_end(rest));
+            rest = behind;
+            return Some(tag);
+        }
+    })
+}
+
+/// Declares prefixes of elements and attributes, such as `drake:`, that a document uses without a declaration. Tools
+/// that ignore XML namespaces write such documents. The elements and attributes are extensions and are ignored.
+fn with_prefixes(text: String) -> String {
+    let mut used: Vec<&str> = Vec::new();
+    for prefix in tags(&text).filter(|tag| !tag.starts_with(['/', '!'])).flat_map(prefixes) {
+        if !matches!(prefix, "xml" | "xmlns") && used.len() < MAX_PREFIXES && !used.contains(&prefix) {
+            used.push(prefix);
+        }
+    }
+    let missing: Vec<&str> = used.into_iter().filter(|prefix| !text.contains(&format!("xmlns:{prefix}"))).collect();
+    let Some(root) = tags(&text).find(|tag| !tag.starts_with('!')).filter(|_| !missing.is_empty()) else {
+        return text;
+    };
+    let name = root.find(|c: char| c.is_whitespace() || c == '/').unwrap_or(root.len());
+    let at = root.as_ptr() as usize - text.as_ptr() as usize + name;
+    let declared: String = missing.iter().map(|prefix| format!(" xmlns:{prefix}=\"undeclared:{prefix}\"")).collect();
+    format!("{}{declared}{}", &text[..at], &text[at..])
+}
+
+/// Returns the prefixes of the names in a tag; a `:` inside quotes does not count.
+fn prefixes(tag: &str) -> Vec<&str> {
+    let (mut quote, mut start, mut out) = (None, 0, Vec::new());
+    for (at, c) in tag.char_indices() {
+        match (quote, c) {
+            (Some(open), _) if open == c => quote = None,
+            (Some(_), _) => (),
+            (None, '"' | '\'') => quote = Some(c),
+            (None, ':') => out.push(&tag[start..at]),
+            (None, c) if c.is_whitespace() => start = at + c.len_utf8(),
+            _ => (),
+        }
+    }
+    out
 }
 
 /// Returns the length of a tag up to its closing `>`; a `>` inside quotes does not count.
@@ -255,7 +302,7 @@ fn meant<'n>(name: &str, known: &[&'n str]) -> Option<&'n str> {
 
 #[cfg(test)]
 mod tests {
-    use super::{check_size, decode, meant};
+    use super::{check_size, decode, meant, parse};
 
     #[test]
     fn depth_is_counted_whatever_stands_in_quotes_and_sections() {
@@ -265,6 +312,20 @@ mod tests {
         for flat in ["<a b='>'/>", "<a></a>", "<a>'</a>"] {
             assert!(check_size(&format!("<robot>{}</robot>", flat.repeat(1000))).is_ok(), "{flat}");
         }
+    }
+
+    #[test]
+    fn prefixes_without_a_declaration_are_declared_and_their_elements_ignored() {
+        let text =
+            decode(b"<?xml version='1.0'?><!-- <robot> --><robot name='a'><d:x e='>'/><l f:y='g:h'/></robot>", "a")
+                .unwrap();
+        assert!(text.contains("<robot xmlns:d=\"undeclared:d\" xmlns:f=\"undeclared:f\" name='a'>"), "{text}");
+        assert!(parse(&text, "a").is_ok());
+        let declared = "<robot xmlns:d='e'><d:x/></robot>";
+        assert_eq!(decode(declared.as_bytes(), "a").unwrap(), declared);
+        let xacro = decode(b"<robot><xacro:include filename='b'/></robot>", "a").unwrap();
+        let message = crate::Description::parse(&xacro, "a").unwrap_err().message;
+        assert!(message.contains("<xacro:include>"), "{message}");
     }
 
     #[test]
