@@ -75,6 +75,7 @@ class Robot:
         base_link: str | None = None,
         package_dirs: Sequence[File] = (),
         joints: Sequence[str] | None = None,
+        mesh_tolerance: float | None = None,
     ) -> Robot:
         """Read a URDF and its collision meshes (.stl, .ply, .obj, .dae, .glb, .gltf).
 
@@ -94,10 +95,14 @@ class Robot:
                 torso and an arm. All other joints keep their values. Default: the joints between ``base_link`` and
                 ``hand_link``. Problems that only concern the hand (:meth:`Scene.problem`, grasps) move those of the
                 joints that move the hand.
+            mesh_tolerance: distance in m. A collision mesh whose convex hull has points farther than this from the mesh
+                and its interior is decomposed into convex parts, at most 16 for each mesh. The parts together contain
+                the mesh and its interior, and are within this distance of them unless 16 parts are too few. Pickle the
+                robot to avoid a second decomposition. Default: each mesh becomes its convex hull.
 
         Raises:
-            UrdfError: a file cannot be read or used: a limit is missing, a name is misspelt or unknown, or xacro is
-                not expanded. The error names the link or joint.
+            UrdfError: ``mesh_tolerance`` is not positive, or a file cannot be read or used: a limit is missing, a name
+                is misspelt or unknown, or xacro is not expanded. The error names the link or joint.
             ProblemError: ``joints`` is empty, or contains an unknown joint, a joint twice or a mimic joint.
 
         Example:

@@ -125,7 +125,7 @@ pub unsafe extern "C" fn kpam_scene_load(
         let (urdf, hand) = unsafe { (text(urdf, "urdf")?, text(hand_link, "hand_link")?) };
         // SAFETY: guaranteed by the caller.
         let (srdf, base) = unsafe { (optional_text(srdf, "srdf")?, optional_text(base_link, "base_link")?) };
-        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, base, &[])
+        let robot = Robot::from_urdf(urdf, srdf.map(Path::new), hand, base, &[], None)
             .map_err(|e| Fault(kpam_status::KPAM_FILE, e.to_string()))?;
         if robot.joints().is_empty() {
             return Err(Fault(kpam_status::KPAM_FILE, format!("{urdf}: the robot has no moving joint")));

@@ -263,7 +263,7 @@ fn c_and_rust_get_the_same_results() {
     let file = compiled::built().join("gensim2_results.obj");
     std::fs::write(&file, OBJ).unwrap();
     let said = compiled::run(&compiled::compile("tests/c/results.c"), &[&compiled::ur5e(), &file]);
-    let robot = Arc::new(Robot::from_urdf(compiled::ur5e(), None, "flange", None, &[]).unwrap());
+    let robot = Arc::new(Robot::from_urdf(compiled::ur5e(), None, "flange", None, &[], None).unwrap());
     let mut lines = Lines(String::new());
     about_the_robot(&mut lines, &robot);
     let scene = about_the_bodies(&mut lines, &robot);

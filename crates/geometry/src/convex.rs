@@ -164,7 +164,8 @@ impl Convex {
         if scale.iter().any(|factor| !factor.is_finite() || *factor == 0.0) {
             return Err(ShapeError::new("scale", "a factor is 0 or not finite; use finite factors other than 0"));
         }
-        let vertices = mesh::read(path.as_ref()).map_err(|why| ShapeError::new("path", why))?;
+        let vertices =
+            mesh::read(path.as_ref()).map(|surface| surface.vertices).map_err(|why| ShapeError::new("path", why))?;
         let scaled = |v: &Point3<f64>| Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2]);
         Self::hull(&vertices.iter().map(scaled).collect::<Vec<_>>())
     }

@@ -1,18 +1,18 @@
-//! Reads the vertices of surfaces from COLLADA files (.dae).
+//! Reads surfaces from COLLADA files (.dae).
 
 use std::collections::HashMap;
 
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::{Document, Node};
 
-use crate::mesh::Visited;
+use crate::mesh::{Surface, Visited};
 use crate::xml;
 
 const SURFACES: [&str; 5] = ["triangles", "polylist", "polygons", "trifans", "tristrips"];
 
-/// Returns the vertices (m) of all faces in the scene of a file: each geometry at the place of each node that shows it,
+/// Returns all faces (m) in the scene of a file: each geometry at the place of each node that shows it,
 /// in the file's unit of length. The file's up axis is ignored, as in other readers of URDFs.
-pub(crate) fn read(content: &[u8]) -> Result<Vec<Point3<f64>>, String> {
+pub(crate) fn read(content: &[u8]) -> Result<Surface, String> {
     let text = xml::decode(content, "").map_err(|e| e.message)?;
     xml::check_size(&text)?;
     let document = Document::parse(&text).map_err(|e| format!("not XML: {e}"))?;
@@ -26,7 +26,7 @@ pub(crate) fn read(content: &[u8]) -> Result<Vec<Point3<f64>>, String> {
     if !(unit.is_finite() && unit > 0.0) {
         return Err(format!("unit: meter must be positive, not {unit}"));
     }
-    let mut reader = Reader { ids, places: HashMap::new(), out: Vec::new(), visited: Visited::default() };
+    let mut reader = Reader { ids, places: HashMap::new(), out: Surface::default(), visited: Visited::default() };
     let shown = child(root, "scene").and_then(|scene| child(scene, "instance_visual_scene"));
     let scene = match shown {
         Some(shown) => reader.target(shown, "url")?,
@@ -41,9 +41,9 @@ pub(crate) fn read(content: &[u8]) -> Result<Vec<Point3<f64>>, String> {
 
 struct Reader<'d> {
     ids: HashMap<&'d str, Node<'d, 'd>>,
-    /// Vertices of the faces of each geometry read so far, by its id.
-    places: HashMap<&'d str, Vec<Point3<f64>>>,
-    out: Vec<Point3<f64>>,
+    /// Faces of each geometry read so far, by its id.
+    places: HashMap<&'d str, Surface>,
+    out: Surface,
     visited: Visited,
 }
 
@@ -87,12 +87,13 @@ impl<'d> Reader<'d> {
                     let geometry = self.target(part, "url")?;
                     let id = geometry.attribute("id").unwrap_or_default();
                     if !self.places.contains_key(id) {
-                        let corners = self.corners(geometry)?;
-                        self.places.insert(id, corners);
+                        let surface = self.surface(geometry)?;
+                        self.places.insert(id, surface);
                     }
-                    self.visited.vertices(self.places[id].len())?;
-                    let corners = &self.places[id];
-                    self.out.extend(corners.iter().map(|p| here.transform_point(p)));
+                    let surface = &self.places[id];
+                    self.visited.vertices(surface.vertices.len() + surface.triangles.len())?;
+                    self.out.vertices.extend(surface.vertices.iter().map(|p| here.transform_point(p)));
+                    self.out.triangles.extend(surface.triangles.iter().map(|t| t.map(|p| here.transform_point(&p))));
                 }
                 _ => {}
             }
@@ -100,12 +101,12 @@ impl<'d> Reader<'d> {
         Ok(())
     }
 
-    /// Returns the vertices of a geometry that belong to a face.
-    fn corners(&mut self, geometry: Node<'d, 'd>) -> Result<Vec<Point3<f64>>, String> {
+    /// Returns the faces of a geometry.
+    fn surface(&mut self, geometry: Node<'d, 'd>) -> Result<Surface, String> {
         let name = geometry.attribute("id").unwrap_or_default();
         let fail = |message: &str| format!("geometry {name:?}: {message}");
         let mesh = child(geometry, "mesh").ok_or_else(|| fail("has no <mesh>; export it as triangles"))?;
-        let (mut points, mut used) = (Vec::new(), Vec::new());
+        let (mut points, mut used, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
         for surface in mesh.children().filter(|n| SURFACES.contains(&n.tag_name().name())) {
             let inputs: Vec<_> = surface.children().filter(|n| n.tag_name().name() == "input").collect();
             let offset = |n: &Node<'_, '_>| n.attribute("offset").and_then(|o| o.parse::<usize>().ok()).unwrap_or(0);
@@ -123,15 +124,22 @@ impl<'d> Reader<'d> {
             self.visited.vertices(points.len())?;
             used.resize(points.len(), false);
             for list in surface.descendants().filter(|n| matches!(n.tag_name().name(), "p" | "h")) {
+                let mut corners: Vec<Point3<f64>> = Vec::new();
                 for index in words(list).skip(offset(vertex)).step_by(stride) {
-                    let place = index.parse::<usize>().ok().and_then(|i| used.get_mut(i));
-                    *place
-                        .ok_or_else(|| fail(&format!("a face names the vertex {index:?}, which does not exist")))? =
-                        true;
+                    let known = index.parse::<usize>().ok().filter(|i| *i < points.len());
+                    let known = known
+                        .ok_or_else(|| fail(&format!("a face names the vertex {index:?}, which does not exist")))?;
+                    used[known] = true;
+                    corners.push(points[known]);
+                }
+                // A hole of a polygon is not read: the outline is filled.
+                if list.tag_name().name() == "p" {
+                    add_triangles(surface, &corners, &mut triangles).map_err(|e| fail(&e))?;
                 }
             }
         }
-        Ok(points.into_iter().zip(used).filter(|(_, used)| *used).map(|(point, _)| point).collect())
+        let vertices = points.into_iter().zip(used).filter(|(_, used)| *used).map(|(point, _)| point).collect();
+        Ok(Surface { vertices, triangles })
     }
 
     /// Returns the points of a `<source>`.
@@ -154,6 +162,34 @@ impl<'d> Reader<'d> {
         let values = values.get(offset..).unwrap_or_default();
         Ok(values.chunks(stride).filter(|c| c.len() >= 3).map(|c| Point3::new(c[0], c[1], c[2])).collect())
     }
+}
+
+/// Adds the triangles of a list `<p>` of vertices in an element of [`SURFACES`].
+fn add_triangles(
+    surface: Node<'_, '_>,
+    corners: &[Point3<f64>],
+    out: &mut Vec<[Point3<f64>; 3]>,
+) -> Result<(), String> {
+    let mut fan = |polygon: &[Point3<f64>]| {
+        out.extend((2..polygon.len()).map(|k| [polygon[0], polygon[k - 1], polygon[k]]));
+    };
+    match surface.tag_name().name() {
+        "triangles" => corners.chunks_exact(3).for_each(fan),
+        "tristrips" => {
+            out.extend((2..corners.len()).map(|k| [corners[k - 2 + k % 2], corners[k - 1 - k % 2], corners[k]]))
+        }
+        "polylist" => {
+            let mut rest = corners;
+            for count in child(surface, "vcount").into_iter().flat_map(words) {
+                let polygon = count.parse().ok().and_then(|count| rest.split_at_checked(count));
+                let (polygon, others) = polygon.ok_or("<vcount> does not fit the vertices of <p>")?;
+                fan(polygon);
+                rest = others;
+            }
+        }
+        _ => fan(corners),
+    }
+    Ok(())
 }
 
 fn child<'d>(node: Node<'d, 'd>, name: &str) -> Option<Node<'d, 'd>> {
@@ -200,7 +236,8 @@ mod tests {
     fn every_node_places_its_geometry_in_metres() {
         let scene = r##"<node><translate>0 0 1</translate><rotate>0 0 1 90</rotate><instance_geometry url="#tri"/>
             <node><matrix>1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1</matrix><instance_node url="#twice"/></node></node>"##;
-        let points = read(file(r#"<unit meter="0.01" name="cm"/>"#, scene).as_bytes()).unwrap();
+        let surface = read(file(r#"<unit meter="0.01" name="cm"/>"#, scene).as_bytes()).unwrap();
+        let points = surface.vertices;
         // The unused vertex (9, 9, 9) is dropped, and the up axis does not rotate the mesh.
         let wanted =
             [[0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-2.0, 0.0, 1.0], [0.0, 5.0, 1.0], [0.0, 7.0, 1.0], [-4.0, 5.0, 1.0]];
@@ -208,13 +245,14 @@ mod tests {
         for (found, wanted) in points.iter().zip(wanted) {
             assert!((found - Point3::from(wanted) * 0.01).norm() < 1e-12, "{found} {wanted:?}");
         }
+        assert_eq!(surface.triangles.as_flattened(), points);
     }
 
     #[test]
     fn faults_are_named() {
         let node = r##"<node><instance_geometry url="#tri"/></node>"##;
         let whole = file("", node);
-        assert_eq!(read(whole.as_bytes()).unwrap().len(), 3);
+        assert_eq!(read(whole.as_bytes()).unwrap().vertices.len(), 3);
         for (from, to, named) in [
             ("<p>3 0", "<p>3 7", "names the vertex \"7\""),
             ("url=\"#tri\"/></node></visual", "url=\"#no\"/></node></visual", "no element has this id"),

@@ -40,7 +40,10 @@ mod tests {
         assert!(refusal("/dev/zero", "1 1 1").contains("mesh /dev/zero is not a regular file"));
         assert!(refusal("/", "1 1 1").contains("is not a regular file"));
         assert!(
-            Robot::from_urdf("/dev/zero", None, "l", None, &[]).unwrap_err().to_string().contains("is not a regular")
+            Robot::from_urdf("/dev/zero", None, "l", None, &[], None)
+                .unwrap_err()
+                .to_string()
+                .contains("is not a regular")
         );
     }
 

@@ -1,4 +1,4 @@
-//! Reads the vertices of surfaces from glTF 2.0 files (.glb and .gltf).
+//! Reads surfaces from glTF 2.0 files (.glb and .gltf).
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -7,7 +7,7 @@ use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use crate::file;
-use crate::mesh::Visited;
+use crate::mesh::{Surface, Visited};
 use crate::mesh_path::unescaped;
 
 /// Component types of accessors.
@@ -101,10 +101,10 @@ struct Buffer {
     uri: Option<String>,
 }
 
-/// Returns the vertices (m) of all faces in the scene of a glTF file with the given content and path. The file may name
+/// Returns all faces (m) in the scene of a glTF file with the given content and path. The file may name
 /// further files with vertices; their names are relative to the folder of `path`. glTF defines y as the up axis, but the
 /// vertices are returned without a rotation.
-pub(crate) fn read(content: &[u8], path: &Path) -> Result<Vec<Point3<f64>>, String> {
+pub(crate) fn read(content: &[u8], path: &Path) -> Result<Surface, String> {
     let (json, binary) = match content.strip_prefix(b"glTF") {
         Some(_) => chunks(content)?,
         None => (content, None),
@@ -132,7 +132,7 @@ pub(crate) fn read(content: &[u8], path: &Path) -> Result<Vec<Point3<f64>>, Stri
         buffers.push(found);
     }
     let scene = document.scenes.get(document.scene.unwrap_or(0)).ok_or("has no scene; export the file again")?;
-    let mut reader = Reader { document: &document, buffers, out: Vec::new(), visited: Visited::default() };
+    let mut reader = Reader { document: &document, buffers, out: Surface::default(), visited: Visited::default() };
     for node in &scene.nodes {
         reader.walk(*node, &Matrix4::identity(), 0)?;
     }
@@ -162,7 +162,7 @@ fn chunks(content: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
 struct Reader<'d> {
     document: &'d Document,
     buffers: Vec<Cow<'d, [u8]>>,
-    out: Vec<Point3<f64>>,
+    out: Surface,
     visited: Visited,
 }
 
@@ -193,12 +193,15 @@ impl Reader<'_> {
                 let mut used = vec![primitive.indices.is_none(); points.len()];
                 let indices = primitive.indices.map(|i| self.indices(i)).transpose()?.unwrap_or_default();
                 self.visited.vertices(indices.len())?;
-                for index in indices {
+                for &index in &indices {
                     let place = used.get_mut(index);
                     *place.ok_or_else(|| format!("a face names the vertex {index}, which does not exist"))? = true;
                 }
                 let faces = points.iter().zip(used).filter(|(_, used)| *used);
-                self.out.extend(faces.map(|(p, _)| here.transform_point(p)));
+                self.out.vertices.extend(faces.map(|(p, _)| here.transform_point(p)));
+                let corners = if primitive.indices.is_none() { (0..points.len()).collect() } else { indices };
+                let place = |v: usize| here.transform_point(&points[v]);
+                self.out.triangles.extend(triangles(primitive.mode.unwrap_or(4), &corners).map(|t| t.map(place)));
             }
         }
         for below in &node.children {
@@ -246,6 +249,17 @@ impl Reader<'_> {
     }
 }
 
+/// Returns the triangles of a primitive with one of the modes [`TRIANGLES`], from the sequence of its vertices.
+fn triangles(mode: u32, corners: &[usize]) -> impl Iterator<Item = [usize; 3]> {
+    let count = if mode == 4 { corners.len() / 3 } else { corners.len().saturating_sub(2) };
+    (0..count).map(move |t| match mode {
+        4 => [corners[3 * t], corners[3 * t + 1], corners[3 * t + 2]],
+        // Every other triangle of a strip has the opposite orientation.
+        5 => [corners[t], corners[t + 1 + t % 2], corners[t + 2 - t % 2]],
+        _ => [corners[0], corners[t + 1], corners[t + 2]],
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -285,13 +299,24 @@ mod tests {
 
     #[test]
     fn every_node_places_its_mesh() {
-        let points = read(&file(str::to_owned), Path::new("a.glb")).unwrap();
+        let surface = read(&file(str::to_owned), Path::new("a.glb")).unwrap();
+        let points = surface.vertices;
         let wanted =
             [[0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-2.0, 0.0, 1.0], [0.0, 5.0, 1.0], [0.0, 7.0, 1.0], [-4.0, 5.0, 1.0]];
         assert_eq!(points.len(), wanted.len());
         for (found, wanted) in points.iter().zip(wanted) {
             assert!((found - Point3::from(wanted)).norm() < 1e-12, "{found} {wanted:?}");
         }
+        assert_eq!(surface.triangles.len(), 2);
+        assert!(points.iter().all(|p| surface.triangles.iter().flatten().any(|corner| corner == p)));
+    }
+
+    #[test]
+    fn strips_and_fans_become_triangles_of_one_orientation() {
+        let of_mode = |mode| super::triangles(mode, &[0, 1, 2, 3, 4, 5]).collect::<Vec<_>>();
+        assert_eq!(of_mode(4), [[0, 1, 2], [3, 4, 5]]);
+        assert_eq!(of_mode(5), [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]]);
+        assert_eq!(of_mode(6), [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]);
     }
 
     #[test]

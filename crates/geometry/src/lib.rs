@@ -27,6 +27,7 @@ mod collision;
 mod convex;
 mod corners;
 mod dae;
+mod decompose;
 mod description;
 mod distance;
 mod draws;

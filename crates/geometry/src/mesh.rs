@@ -1,4 +1,4 @@
-//! Reads the vertices of surfaces from STL and PLY (binary and text), OBJ, COLLADA and glTF files.
+//! Reads surfaces from STL and PLY (binary and text), OBJ, COLLADA and glTF files.
 
 use std::path::Path;
 
@@ -7,15 +7,39 @@ use nalgebra::Point3;
 use crate::obj::Obj;
 use crate::{dae, file, gltf, ply};
 
-/// Returns the vertices of a mesh's faces, or the reason why they cannot be read. Vertices that no face uses are
-/// dropped.
-pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
+/// A surface (m) that was read from a file.
+#[derive(Debug, Default, Clone)]
+pub(crate) struct Surface {
+    /// Vertices of the faces. Vertices that no face uses are dropped.
+    pub vertices: Vec<Point3<f64>>,
+    /// The faces, as triangles.
+    pub triangles: Vec<[Point3<f64>; 3]>,
+}
+
+impl Surface {
+    /// Creates a surface from all vertices of a file, and the vertices of each triangle.
+    fn new<'f>(vertices: &[[f64; 3]], faces: impl Iterator<Item = &'f [u32; 3]> + Clone) -> Self {
+        let triangles = faces.clone().map(|face| face.map(|v| Point3::from(vertices[v as usize]))).collect();
+        Self { vertices: used(vertices, faces), triangles }
+    }
+
+    /// Creates a surface from the vertices of triangles, three for each.
+    fn of_corners(vertices: Vec<Point3<f64>>) -> Self {
+        let triangles = vertices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+        Self { vertices, triangles }
+    }
+}
+
+/// Returns the surface in a mesh file, or the reason why it cannot be read.
+pub(crate) fn read(path: &Path) -> Result<Surface, String> {
     let bytes = file::read(path, file::MAX_MESH).map_err(|e| format!("{} {e}", path.display()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let vertices = match extension.as_str() {
-        "stl" => stl(&bytes),
-        "obj" => Obj::read(&bytes).map(|obj| used(&obj.vertices, obj.groups.iter().flat_map(|(_, faces)| faces))),
-        "ply" => ply::read(&bytes).map(|(vertices, faces)| used(&vertices, &faces)),
+    let surface = match extension.as_str() {
+        "stl" => stl(&bytes).map(Surface::of_corners),
+        "obj" => {
+            Obj::read(&bytes).map(|obj| Surface::new(&obj.vertices, obj.groups.iter().flat_map(|(_, faces)| faces)))
+        }
+        "ply" => ply::read(&bytes).map(|(vertices, faces)| Surface::new(&vertices, faces.iter())),
         "dae" => dae::read(&bytes),
         "glb" | "gltf" => gltf::read(&bytes, path),
         _ => Err(format!(
@@ -23,13 +47,13 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Point3<f64>>, String> {
         )),
     }
     .map_err(|e| format!("{}: {e}", path.display()))?;
-    if vertices.is_empty() {
+    if surface.vertices.is_empty() {
         return Err(format!("{} has no faces", path.display()));
     }
-    if vertices.iter().any(|v| v.iter().any(|c| !c.is_finite())) {
+    if surface.vertices.iter().any(|v| v.iter().any(|c| !c.is_finite())) {
         return Err(format!("{} has a vertex that is not finite", path.display()));
     }
-    Ok(vertices)
+    Ok(surface)
 }
 
 /// Limit of a reader's work on a scene. A node of a scene may refer to meshes and to other nodes, so a small file can

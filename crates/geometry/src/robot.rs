@@ -68,8 +68,11 @@ impl Robot {
     /// Without an SRDF, neighbouring links and links that overlap in almost all configurations
     /// ([`Robot::self_collisions`]) are not checked against each other.
     ///
+    /// Each mesh becomes its convex hull. With `mesh_tolerance` (m), a mesh whose hull has points farther than this from
+    /// the mesh and its interior becomes up to 16 convex parts, which together contain the mesh and its interior.
+    ///
     /// # Errors
-    /// A file is unreadable or malformed, a link is unknown, the links form a loop, limits are missing or inverted, an
+    /// `mesh_tolerance` is not positive, a file is unreadable or malformed, a link is unknown, the links form a loop, limits are missing or inverted, an
     /// axis is zero, or a mesh is missing.
     pub fn from_urdf(
         path: impl AsRef<Path>,
@@ -77,8 +80,13 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
         package_dirs: &[PathBuf],
+        mesh_tolerance: Option<f64>,
     ) -> Result<Self, UrdfError> {
         let path = path.as_ref();
+        if let Some(tolerance) = mesh_tolerance.filter(|t| !(t.is_finite() && *t > 0.0)) {
+            let message = format!("must be a positive distance in metres, not {tolerance}");
+            return Err(UrdfError::new(&path.display().to_string(), "mesh_tolerance", message));
+        }
         let text = read_text(path)?;
         let srdf = srdf.map(|srdf| Ok((read_text(srdf)?, srdf.display().to_string()))).transpose()?;
         Self::of_texts(
@@ -88,6 +96,7 @@ impl Robot {
             hand_link,
             base_link,
             package_dirs,
+            mesh_tolerance,
         )
     }
 
@@ -103,7 +112,7 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link, &[])
+        Self::of_texts(text, file.as_ref(), srdf.map(|text| (text, "SRDF")), hand_link, base_link, &[], None)
     }
 
     /// Creates the robot from the text of a URDF, and from the text and file name of an SRDF.
@@ -114,9 +123,10 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
         package_dirs: &[PathBuf],
+        mesh_tolerance: Option<f64>,
     ) -> Result<Self, UrdfError> {
         let description = Description::parse(text, &path.display().to_string())?;
-        let mut robot = urdf::build(&description, path, hand_link, base_link, package_dirs)?;
+        let mut robot = urdf::build(&description, path, hand_link, base_link, package_dirs, mesh_tolerance)?;
         if let Some((text, file)) = srdf {
             let known = description.links.iter().map(|l| l.name.as_str()).collect();
             robot.allowed = srdf::disabled_pairs(text, file, &known, &robot.links)?;

@@ -5,17 +5,20 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use crate::decompose::decompose;
 use crate::description::{Description, Geometry, InertialDescription, JointDescription, Origin, ShapeDescription};
 use crate::link::FURTHEST;
 use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mesh_path, mimic};
 
-/// Builds the robot from the links below `base`, by default the root. `package_dirs` are folders of ROS packages.
+/// Builds the robot from the links below `base`, by default the root. `package_dirs` are folders of ROS packages. Meshes
+/// whose hull is farther than `mesh_tolerance` (m) from the mesh are decomposed.
 pub(crate) fn build(
     model: &Description,
     path: &Path,
     hand: &str,
     base: Option<&str>,
     package_dirs: &[PathBuf],
+    mesh_tolerance: Option<f64>,
 ) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
     let file = file.as_str();
@@ -105,8 +108,10 @@ pub(crate) fn build(
                 (parent, origin(file, &format!("joint {}: origin", spec.name), &spec.origin)?)
             }
         };
-        let shapes =
-            link.collisions.iter().map(|spec| shape(spec, &folder, package_dirs, file)).collect::<Result<_, _>>()?;
+        let mut shapes = Vec::with_capacity(link.collisions.len());
+        for spec in &link.collisions {
+            shapes.extend(convex_shapes(spec, &folder, package_dirs, mesh_tolerance, file)?);
+        }
         let inertia = link.inertial.as_ref().map(|spec| inertia(spec, &link.name, file)).transpose()?.flatten();
         links.push(Link {
             name: link.name.clone(),
@@ -231,7 +236,14 @@ fn origin(file: &str, field: &str, origin: &Origin) -> Result<Pose, UrdfError> {
     Ok(origin.pose())
 }
 
-fn shape(spec: &ShapeDescription, folder: &Path, package_dirs: &[PathBuf], file: &str) -> Result<Convex, UrdfError> {
+/// Returns the convex shapes of a collision element: one, or several for a mesh that is decomposed.
+fn convex_shapes(
+    spec: &ShapeDescription,
+    folder: &Path,
+    package_dirs: &[PathBuf],
+    mesh_tolerance: Option<f64>,
+    file: &str,
+) -> Result<Vec<Convex>, UrdfError> {
     let fail = |message: String| UrdfError::new(file, &spec.field, message);
     let pose = &origin(file, &format!("{}: origin", spec.field), &spec.origin)?;
     let built = match &spec.geometry {
@@ -247,15 +259,20 @@ fn shape(spec: &ShapeDescription, folder: &Path, package_dirs: &[PathBuf], file:
                     "a factor is 0; use factors other than 0",
                 ));
             }
-            let vertices = mesh_path::resolve(filename, paths, folder, package_dirs)
+            let surface = mesh_path::resolve(filename, paths, folder, package_dirs)
                 .and_then(|path| mesh::read(&path))
                 .map_err(|why| fail(format!("mesh {why}")))?;
-            let points: Vec<_> =
-                vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
-            Convex::hull(&points)
+            let scaled = |v: &Point3<f64>| Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2]);
+            let parts = mesh_tolerance.and_then(|tolerance| {
+                let triangles: Vec<_> = surface.triangles.iter().map(|t| t.each_ref().map(scaled)).collect();
+                decompose(&triangles, tolerance)
+            });
+            let parts = parts.unwrap_or_else(|| vec![surface.vertices.iter().map(scaled).collect()]);
+            let hull = |part: &Vec<Point3<f64>>| Convex::hull(&part.iter().map(|p| pose * p).collect::<Vec<_>>());
+            return parts.iter().map(hull).collect::<Result<_, _>>().map_err(|e| fail(e.to_string()));
         }
     };
-    built.map_err(|e| fail(e.to_string()))
+    Ok(vec![built.map_err(|e| fail(e.to_string()))?])
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let urdf = std::env::args().nth(1).ok_or("usage: reach PANDA_URDF")?;
-    let robot = Arc::new(Robot::from_urdf(&urdf, None, "panda_hand", None, &[])?);
+    let robot = Arc::new(Robot::from_urdf(&urdf, None, "panda_hand", None, &[], None)?);
     let config = SolverConfig::builder()
         .constraint(Constraint::point("tip", "handle", 0.001))
         .pre(Motion::Translate { axis: 2, distance: -0.1 })

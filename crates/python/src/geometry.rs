@@ -46,13 +46,18 @@ impl PyRobot {
     /// Reads a URDF and its collision meshes: `Robot.from_urdf("ur5e.urdf", hand_link="flange")`. `hand_link` carries
     /// the tool; `srdf` names pairs of links that may touch; `base_link` is the base frame (default: the only root);
     /// `package_dirs` are folders of packages named by `package://` paths; `joints` names the joints that planning moves
-    /// (default: those between the base and the hand). An unusable file raises a `UrdfError` that names the link or
+    /// (default: those between the base and the hand); `mesh_tolerance` (m) decomposes meshes whose hull is farther than
+    /// this from the mesh. An unusable file raises a `UrdfError` that names the link or
     /// joint.
     #[staticmethod]
     #[pyo3(
         name = "from_urdf",
-        signature = (path, *, hand_link, srdf = None, base_link = None, package_dirs = Vec::new(), joints = None)
+        signature = (
+            path, *, hand_link, srdf = None, base_link = None, package_dirs = Vec::new(), joints = None,
+            mesh_tolerance = None
+        )
     )]
+    #[allow(clippy::too_many_arguments)]
     fn read_urdf(
         py: Python<'_>,
         path: PathBuf,
@@ -61,9 +66,10 @@ impl PyRobot {
         base_link: Option<&str>,
         package_dirs: Vec<PathBuf>,
         joints: Option<Vec<String>>,
+        mesh_tolerance: Option<f64>,
     ) -> PyResult<Self> {
         let robot = py
-            .detach(|| Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link, &package_dirs))
+            .detach(|| Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link, &package_dirs, mesh_tolerance))
             .map_err(|e| from_urdf(&e))?;
         let robot = match joints {
             None => robot,
