@@ -120,12 +120,14 @@ impl<'p> ActuationSearch<'p> {
         Candidate { x: self.model.unwound(x, &self.start), cost: self.cost(x) }
     }
 
-    /// Projects the additional start value `index` onto the constraints; returns the pose if it meets them.
-    pub fn sample(&mut self, index: usize) -> Option<Candidate> {
+    /// Projects the additional start value `index` onto the constraints; returns the pose if it meets them. Most
+    /// projections aim near the centre of the tolerances; with `at_edge`, the pose may lie anywhere within them.
+    pub fn sample(&mut self, index: usize, at_edge: bool) -> Option<Candidate> {
         let mut x = self.further_start(index);
-        // If a clearance from the target is required, projections aim at various points within the tolerances, because
-        // the pose at their centre may be too close to the target.
-        if self.problem.options.reach_clearance.is_some() {
+        if at_edge {
+            self.aim = Aim::anywhere();
+        } else if self.problem.options.reach_clearance.is_some() {
+            // The pose at the centre of the tolerances may be too close to the target, so projections aim at various points.
             self.aim = Aim::within(self.resolved, index + 1);
         }
         let met = self.project(&mut x) <= 0.0;

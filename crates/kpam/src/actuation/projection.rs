@@ -17,6 +17,11 @@ pub(super) const PATIENCE: usize = 8;
 pub(super) const STEP: f64 = 0.5;
 /// Fraction of an angle's tolerance within which its residual is zero.
 pub(super) const SLACK: f64 = 0.3;
+/// Fraction of every tolerance within which the residual is zero if no pose near the centre of the tolerances exists, and
+/// the factor of the norm below which such a projection has converged. Their sum keeps the pose within the tolerances:
+/// the norm is at most 0.2 of the tightest tolerance.
+const WIDE: f64 = 0.9;
+const CLOSER: f64 = 0.4;
 /// Distance (m) from the faces of the workspace box that projections aim for.
 pub(super) const INNER: f64 = 1e-3;
 
@@ -34,6 +39,8 @@ pub(super) struct Aim {
     points: Vec<Vector3<f64>>,
     /// Offset (rad) from the target angle of each axis constraint.
     angles: Vec<f64>,
+    /// Whether any point within the tolerances will do.
+    anywhere: bool,
 }
 
 impl Aim {
@@ -50,7 +57,12 @@ impl Aim {
         });
         let points = points.collect();
         let angles = resolved.axes.iter().map(|a| ANGLE_AIM * a.tolerance * draw()).collect();
-        Self { points, angles }
+        Self { points, angles, anywhere: false }
+    }
+
+    /// Returns an aim that every point within the tolerances meets.
+    pub fn anywhere() -> Self {
+        Self { anywhere: true, ..Self::default() }
     }
 }
 
@@ -69,7 +81,8 @@ impl ActuationSearch<'_> {
         let mut trial_rows = std::mem::take(&mut self.trial_residuals);
         self.residual_rows(x, &mut rows);
         let mut norm = square_sum(&rows);
-        let near = self.near * self.near;
+        let near = if self.aim.anywhere { CLOSER * self.near } else { self.near };
+        let near = near * near;
         let mut milestone = norm;
         for iteration in 1..=PROJECTIONS {
             if norm < near {
@@ -152,8 +165,14 @@ impl ActuationSearch<'_> {
         for (i, p) in self.resolved.points.iter().enumerate() {
             let at = hand.rotation * p.on_hand + hand.translation.vector;
             let target = self.aim.points.get(i).map_or(p.target, |off| p.target + off);
+            let slack = if self.aim.anywhere { WIDE * p.tolerance } else { 0.0 };
             for (k, row) in placed.point_rows(&at).into_iter().enumerate() {
-                out.push((row, at[k] - target[k]));
+                let miss = at[k] - target[k];
+                let miss = miss - miss.clamp(-slack, slack);
+                // Within the tolerances, the pose may move freely.
+                if miss != 0.0 || !self.aim.anywhere {
+                    out.push((row, miss));
+                }
             }
         }
         for (i, a) in self.resolved.axes.iter().enumerate() {
@@ -161,9 +180,12 @@ impl ActuationSearch<'_> {
             let cross = u.cross(&a.target);
             let sin = cross.norm();
             let angle = sin.atan2(u.dot(&a.target));
-            let slack = SLACK * a.tolerance;
+            let slack = if self.aim.anywhere { WIDE } else { SLACK } * a.tolerance;
             let center = a.center + self.aim.angles.get(i).copied().unwrap_or(0.0);
             let miss = angle - angle.clamp(center - slack, center + slack);
+            if miss == 0.0 && self.aim.anywhere {
+                continue;
+            }
             // If the directions are parallel or antiparallel, a rotation about any perpendicular axis separates them.
             let normal = if sin > 1e-9 { cross / sin } else { any_across(&u) };
             out.push((placed.angular_row(&-normal), miss));

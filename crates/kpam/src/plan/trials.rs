@@ -128,19 +128,12 @@ impl Planner<'_> {
             }
         }
         // If no cheap pose allows a complete motion, try additional poses that meet the constraints.
-        let mut extra = 0;
-        for start in 0..options.extra_seeds {
-            if self.is_done(&trials) || extra > most {
-                break;
-            }
-            let Some(pose) = search.sample(start) else { continue };
-            let attempt = self.followed_and_seen(&pose.x);
-            // Only poses without an overlap count here, because an overlapping pose is rejected in hardly any time.
-            extra += usize::from(!attempt.overlaps);
-            self.try_followed(attempt, samples, &mut trials);
-        }
+        self.try_samples(search, false, samples, &mut trials);
         self.try_rest(samples, &mut trials);
         self.try_cleared(search, samples, &mut trials);
+        self.try_rest(samples, &mut trials);
+        // From other poses within the tolerances, the hand may reach further.
+        self.try_samples(search, true, samples, &mut trials);
         self.try_rest(samples, &mut trials);
         self.drop_parts(&mut trials);
         let has_part = trials.best.as_ref().is_some_and(|best| best.timed.is_some());
@@ -150,6 +143,24 @@ impl Planner<'_> {
         }
         let better = others.iter().flatten().find(|c| c.cost < cheapest.cost);
         self.conclude(trials, better.unwrap_or(&cheapest))
+    }
+
+    /// Tries additional poses that meet the constraints: poses near the centre of the tolerances or, with `at_edge`,
+    /// poses anywhere within them.
+    fn try_samples(&mut self, search: &mut ActuationSearch<'_>, at_edge: bool, samples: usize, trials: &mut Trials) {
+        let options = &self.problem.options;
+        let first = if at_edge { options.extra_seeds } else { 0 };
+        let mut extra = 0;
+        for start in first..first + options.extra_seeds {
+            if self.is_done(trials) || extra > options.candidates {
+                break;
+            }
+            let Some(pose) = search.sample(start, at_edge) else { continue };
+            let attempt = self.followed_and_seen(&pose.x);
+            // Only poses without an overlap count here, because an overlapping pose is rejected in hardly any time.
+            extra += usize::from(!attempt.overlaps);
+            self.try_followed(attempt, samples, trials);
+        }
     }
 
     /// Returns whether the search must end: a complete motion was found, or planning has reached a limit.
