@@ -49,7 +49,7 @@ class RobotModel:
     """
 
     def __init__(self, urdf: Path, names: list[str], planned: list[str]) -> None:
-        root = ElementTree.fromstring(re.sub(rb"<(/?)\w+:(\w)", rb"<\1\2", urdf.read_bytes()))
+        root = ElementTree.fromstring(re.sub(rb"(</?|\s)\w+:(?=\w)", rb"\1", urdf.read_bytes()))
         joints = root.findall("joint")
         self.parent = {_link(joint, "child"): joint for joint in joints}
         self.mimics = {

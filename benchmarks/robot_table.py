@@ -79,7 +79,12 @@ class Arm:
         self.name, self.tip = entry["name"], entry["tip"]
         self.urdf = root / entry["urdf"]
         self.srdf = root / entry["srdf"] if "srdf" in entry else None
-        self.robot = kpam.Robot.from_urdf(self.urdf, hand_link=self.tip, srdf=self.srdf, joints=entry.get("joints"))
+        tolerance = entry.get("mesh_tolerance")
+        self.robot = kpam.Robot.from_urdf(
+            self.urdf, hand_link=self.tip, srdf=self.srdf, joints=entry.get("joints"), mesh_tolerance=tolerance
+        )
+        #: Whether the solver replaces each mesh by its convex hull.
+        self.has_hulls = tolerance is None
         self.names = self.robot.joint_names
         self.planned = [self.names.index(name) for name in self.robot.planned_joints]
         self.model = RobotModel(self.urdf, self.names, self.robot.planned_joints)
@@ -230,7 +235,7 @@ class Judge:
 
     def __init__(self, arm: Arm) -> None:
         self.arm = arm
-        self.hulls = Shapes(arm.model, arm.checked, hulls=True)
+        self.hulls = Shapes(arm.model, arm.checked, hulls=True) if arm.has_hulls else None
         # Without an SRDF, the solver does not check pairs whose hulls always overlap; the meshes may be apart.
         always = [pair for pair in arm.robot.unchecked_pairs if arm.moves(*pair)]
         self.meshes = Shapes(arm.model, [*arm.checked, *always], hulls=False)
@@ -262,6 +267,8 @@ class Judge:
             out.limits.append("start or goal")
         samples = thinned(positions, arm.reach)
         for shapes, found in ((self.hulls, out.hulls), (self.meshes, out.meshes)):
+            if shapes is None:
+                continue
             shapes.place(problem.boxes)
             bad = set().union(*(shapes.colliding(q) for q in samples if shapes.collides(q)), set())
             if shapes is self.meshes:
@@ -289,7 +296,7 @@ def plan(arm: Arm) -> dict[str, Any]:
 
 def other(arm: Arm, statuses: list[str], seconds: float) -> dict[str, Any]:
     """Give the unsolved problems to RRT-Connect, which keeps the same distance from the boxes as the solver."""
-    shapes, found = Shapes(arm.model, arm.checked, hulls=True), {}
+    shapes, found = Shapes(arm.model, arm.checked, hulls=arm.has_hulls), {}
     for index, (problem, status) in enumerate(zip(arm.problems(), statuses, strict=True)):
         if status == "solved":
             continue

@@ -185,6 +185,19 @@ def test_a_part_of_an_arm(urdf: Path, judge: Mechanism) -> None:
         kpam.Scene(robot).plan_to(q_start, posture([0.1], []), **LIMITS)
 
 
+def test_links_that_overlap_but_do_not_move_block_no_motion(urdf: Path, both: kpam.Robot) -> None:
+    # Two links of the right arm overlap.
+    folded = [-0.1, 0.6, -0.5, -0.8, -0.2, -0.6, -0.8]
+    q_start, q_goal = posture([], folded), posture([0.3], folded)
+    left = kpam.Scene(load(urdf, "left"))
+    assert left.in_collision(q_start)
+    motion = left.plan_to(q_start, q_goal, **LIMITS)
+    assert motion.status == "solved", motion.reason
+    assert kpam.Scene(both).plan_to(q_start, q_goal, **LIMITS).status == "start_blocked"
+    servo = kpam.Servo(left, q_start, acceleration_limits=np.full(18, 8.0), jerk_limits=np.full(18, 400.0))
+    assert servo.step(twist=np.zeros(6)).status != "braking"
+
+
 @pytest.mark.parametrize(
     ("joints", "message"),
     [

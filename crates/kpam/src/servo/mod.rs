@@ -191,7 +191,7 @@ impl Servo {
         })?;
         let world = self.scene.compiled();
         let margin = self.options.margin;
-        let close = world.close(&self.scene, model.map().rest(), margin + TOUCH);
+        let close = world.close(&self.scene, model.map().rest(), margin + TOUCH, |joint| model.map().moves(joint));
         if let Some((group, other, distance)) = close.iter().find(|c| c.2 < -CONTACT) {
             let [one, two] = world.named(&self.scene, *group, *other);
             let message = format!(

@@ -388,9 +388,10 @@ impl Transit<'_> {
         q
     }
 
-    /// Returns all pairs closer than the margin at a configuration.
+    /// Returns all pairs closer than the margin at a configuration that the motion can bring closer.
     fn close(&self, x: &Row) -> Close {
-        self.scene.compiled().close(self.scene, &self.full(x), self.options.margin + CURVED)
+        let moves = |joint: usize| self.model.map().moves(joint);
+        self.scene.compiled().close(self.scene, &self.full(x), self.options.margin + CURVED, moves)
     }
 
     /// Returns the configuration at which a search begins: where a moving arm would stop, or the start.
