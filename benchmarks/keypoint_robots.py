@@ -1,7 +1,7 @@
 """Four arms with a rod as their tool, for ``keypoint_arms.py``.
 
 The URDFs come from Python packages, whose files are changed only by the tool: the links below the flange are replaced
-by a rod. The UR5e has no URDF in a package, so its URDF is written after its MuJoCo model.
+by a rod. The URDF of the UR5e is written after the MuJoCo model of a package.
 """
 
 from __future__ import annotations

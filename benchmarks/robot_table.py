@@ -215,8 +215,8 @@ def ik(arm: Arm) -> dict[str, Any]:
             good = [np.abs(arm.model.poses(row)[arm.tip] - target).max() < REACHED for row in found]
             inside = [(row >= arm.robot.lower).all() and (row <= arm.robot.upper).all() for row in found]
             counts["wrong"] += sum(not (a and b) for a, b in zip(good, inside, strict=True))
-            counts[f"solved_{most}"] += bool(good)
-            if not good:
+            counts[f"solved_{most}"] += any(good)
+            if not any(good):
                 counts["unsolved"].append({"solutions": most, "q": q.tolist()})
     return counts
 

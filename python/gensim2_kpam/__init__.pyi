@@ -96,9 +96,11 @@ class Robot:
                 ``hand_link``. Problems that only concern the hand (:meth:`Scene.problem`, grasps) move those of the
                 joints that move the hand.
             mesh_tolerance: distance in m. A collision mesh whose convex hull has points farther than this from the mesh
-                and its interior is decomposed into convex parts, at most 16 for each mesh. The parts together contain
-                the mesh and its interior, and are within this distance of them unless 16 parts are too few. Pickle the
-                robot to avoid a second decomposition. Default: each mesh becomes its convex hull.
+                and its interior, at about 3000 samples, is decomposed into convex parts, at most 16 for each mesh. The
+                parts together contain the mesh, and its interior if the mesh is closed and its triangles all face the
+                same side. They are within this distance unless 16 parts are too few. Meshes of more than 100,000
+                triangles keep their hull. Pickle the robot to avoid a second decomposition. Default: each mesh becomes
+                its convex hull.
 
         Raises:
             UrdfError: ``mesh_tolerance`` is not positive, or a file cannot be read or used: a limit is missing, a name

@@ -191,7 +191,9 @@ class Streamer:
         self.late += len(targets) - len(fresh)
         self._ahead = [each for each in self._ahead if each[0] > now + _PASSED] + fresh
         q, v, a = self._state(sent, now)
-        self._newest = [*self._newest, *fresh][-2:]
+        for given in fresh:
+            if not self._newest or given[0] > self._newest[-1][0]:
+                self._newest = [*self._newest[-1:], given]
         times, rows = [now], [q]
         for stamp, target in self._ahead:
             if np.abs(target - rows[-1]).max() > _SAME and stamp > times[-1]:
@@ -201,7 +203,7 @@ class Streamer:
             return True
         stretch = np.diff(times)
         # The velocity at the last target follows from the last two targets, even if the arm has already passed the
-        # first of them. It is 0 if a controller repeats a target or has given only one, so the motion ends at it.
+        # first of them. If the two are equal, or only one target exists, the velocity is 0: the motion ends there.
         before, last = self._newest[0], self._newest[-1]
         rows.append(rows[-1] + self._rest(rows[-1], (last[1] - before[1]) / max(last[0] - before[0], CYCLE)))
         slowest = [*stretch, CYCLE]

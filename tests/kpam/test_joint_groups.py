@@ -185,12 +185,16 @@ def test_a_part_of_an_arm(urdf: Path, judge: Mechanism) -> None:
         kpam.Scene(robot).plan_to(q_start, posture([0.1], []), **LIMITS)
 
 
-def test_links_that_overlap_but_do_not_move_block_no_motion(urdf: Path, both: kpam.Robot) -> None:
+def test_overlaps_that_no_planned_joint_changes_block_no_motion(urdf: Path, both: kpam.Robot) -> None:
     # Two links of the right arm overlap.
     folded = [-0.1, 0.6, -0.5, -0.8, -0.2, -0.6, -0.8]
     q_start, q_goal = posture([], folded), posture([0.3], folded)
-    left = kpam.Scene(load(urdf, "left"))
-    assert left.in_collision(q_start)
+    # The right arm also rests inside a box.
+    pose = np.eye(4)
+    pose[:3, 3] = load(urdf, "left").forward_kinematics(q_start, "right_panda_link4")[:3, 3]
+    box = kpam.Body("box", "rigid", [kpam.Shape.box([0.02, 0.02, 0.02])], pose)
+    left = kpam.Scene(load(urdf, "left"), [box])
+    assert {("right_panda_link4", "box")} < {pair["bodies"] for pair in left.check(q_start)}
     motion = left.plan_to(q_start, q_goal, **LIMITS)
     assert motion.status == "solved", motion.reason
     assert kpam.Scene(both).plan_to(q_start, q_goal, **LIMITS).status == "start_blocked"

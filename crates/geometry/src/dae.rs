@@ -174,6 +174,9 @@ fn add_triangles(
         out.extend((2..polygon.len()).map(|k| [polygon[0], polygon[k - 1], polygon[k]]));
     };
     match surface.tag_name().name() {
+        "triangles" if !corners.len().is_multiple_of(3) => {
+            return Err("<triangles> has a triangle with fewer vertices".to_owned());
+        }
         "triangles" => corners.chunks_exact(3).for_each(fan),
         "tristrips" => {
             out.extend((2..corners.len()).map(|k| [corners[k - 2 + k % 2], corners[k - 1 - k % 2], corners[k]]))
@@ -185,6 +188,9 @@ fn add_triangles(
                 let (polygon, others) = polygon.ok_or("<vcount> does not fit the vertices of <p>")?;
                 fan(polygon);
                 rest = others;
+            }
+            if !rest.is_empty() {
+                return Err("<vcount> does not fit the vertices of <p>".to_owned());
             }
         }
         _ => fan(corners),
@@ -263,6 +269,7 @@ mod tests {
                 "<node><skew>0 0 0 0 0 0 0</skew><instance_geometry",
                 "<skew> is not supported",
             ),
+            ("3 0 3 1 3 2</p>", "3 0 3 1 3 2 3 0</p>", "<vcount> does not fit"),
             ("<vcount>", "<input/><vcount>", ""),
         ] {
             let found = read(whole.replacen(from, to, if from.starts_with("<node>") { 9 } else { 1 }).as_bytes());

@@ -7,7 +7,7 @@ use crate::UrdfError;
 /// Maximum depth of nested elements. XML parsers recurse, and the stack is finite.
 const DEEPEST: usize = 64;
 const MAX_ELEMENTS: usize = 50_000;
-/// Maximum number of prefixes without a declaration that are declared.
+/// Maximum number of undeclared prefixes that the reader declares.
 const MAX_PREFIXES: usize = 16;
 
 /// Returns the text of a document, encoded as its byte order mark or first line says; by default in UTF-8. Prefixes
@@ -104,7 +104,11 @@ fn with_prefixes(text: String) -> String {
             used.push(prefix);
         }
     }
-    let missing: Vec<&str> = used.into_iter().filter(|prefix| !text.contains(&format!("xmlns:{prefix}"))).collect();
+    let is_declared = |prefix: &&str| {
+        let name = format!("xmlns:{prefix}");
+        text.match_indices(&name).any(|(at, _)| text[at + name.len()..].trim_start().starts_with('='))
+    };
+    let missing: Vec<&str> = used.into_iter().filter(|prefix| !is_declared(prefix)).collect();
     let Some(root) = tags(&text).find(|tag| !tag.starts_with('!')).filter(|_| !missing.is_empty()) else {
         return text;
     };
@@ -321,8 +325,11 @@ mod tests {
                 .unwrap();
         assert!(text.contains("<robot xmlns:d=\"undeclared:d\" xmlns:f=\"undeclared:f\" name='a'>"), "{text}");
         assert!(parse(&text, "a").is_ok());
-        let declared = "<robot xmlns:d='e'><d:x/></robot>";
-        assert_eq!(decode(declared.as_bytes(), "a").unwrap(), declared);
+        for declared in ["<robot xmlns:d='e'><d:x/></robot>", "<robot xmlns:d = 'e'><d:x/></robot>"] {
+            assert_eq!(decode(declared.as_bytes(), "a").unwrap(), declared);
+        }
+        let other = decode(b"<robot xmlns:d2='e'><d:x/></robot>", "a").unwrap();
+        assert!(parse(&other, "a").is_ok(), "{other}");
         let xacro = decode(b"<robot><xacro:include filename='b'/></robot>", "a").unwrap();
         let message = crate::Description::parse(&xacro, "a").unwrap_err().message;
         assert!(message.contains("<xacro:include>"), "{message}");

@@ -29,8 +29,8 @@ const MISS: f32 = 10.0;
 /// hard to meet, and the other start values continue too.
 const HARD: [usize; 2] = [3, 4];
 
-/// Number of poses that miss the constraints the least from which the search looks for poses at the edge of the
-/// tolerances, if it has found no pose nearer to their centre.
+/// If no pose is found near the centre of the tolerances, the search restarts from this many poses with the smallest
+/// constraint error.
 const EDGE: usize = 64;
 
 /// Start values and poses that were postponed while the cheapest pose is searched.

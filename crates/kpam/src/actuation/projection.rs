@@ -18,8 +18,8 @@ pub(super) const STEP: f64 = 0.5;
 /// Fraction of an angle's tolerance within which its residual is zero.
 pub(super) const SLACK: f64 = 0.3;
 /// Fraction of every tolerance within which the residual is zero if no pose near the centre of the tolerances exists, and
-/// the factor of the norm below which such a projection has converged. Their sum keeps the pose within the tolerances:
-/// the norm is at most 0.2 of the tightest tolerance.
+/// the factor of the norm below which such a projection has converged. The norm is then at most 0.2 of the tightest
+/// tolerance, so a converged pose is within `WIDE + 0.2 * CLOSER`, 0.98, of every tolerance.
 const WIDE: f64 = 0.9;
 const CLOSER: f64 = 0.4;
 /// Distance (m) from the faces of the workspace box that projections aim for.

@@ -125,11 +125,11 @@ impl Compiled {
         }
     }
 
-    /// Returns all checked pairs closer than `reach` (m) at a full joint vector, except pairs of links between which no
-    /// joint that `moves` lies: no motion can bring them closer.
+    /// Returns all checked pairs closer than `reach` (m) at a full joint vector. Pairs whose relative pose no joint that
+    /// `moves` changes are omitted.
     pub fn close(&self, scene: &Scene, q: &[f64], reach: f64, moves: impl Fn(usize) -> bool) -> Close {
         let mut needs = self.needs(0.0);
-        self.leave_out_still_pairs(&mut needs, &self.carried(moves));
+        self.leave_out_still(&mut needs, moves);
         let (mut poses, mut batch) = (Vec::new(), Batch::default());
         (0..LANES).for_each(|lane| batch.set(&self.screen, lane, q));
         self.screen.place(&mut batch);
@@ -167,23 +167,14 @@ impl Compiled {
 
     /// Excludes pairs whose relative position does not change, because no moving joint lies between them.
     pub fn leave_out_still(&self, needs: &mut Needs, moves: impl Fn(usize) -> bool) {
-        let carried = self.carried(moves);
+        let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
+        let carried: Vec<Vec<usize>> = (0..self.carriers.len()).map(driving).collect();
         let bodies = self.screen.bodies().max(1);
         for (row, joints) in needs.bodies.chunks_mut(bodies).zip(&carried) {
             if joints.is_empty() {
                 row.fill(f64::NEG_INFINITY);
             }
         }
-        self.leave_out_still_pairs(needs, &carried);
-    }
-
-    /// Returns the moving joints that carry each group.
-    fn carried(&self, moves: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
-        let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
-        (0..self.carriers.len()).map(driving).collect()
-    }
-
-    fn leave_out_still_pairs(&self, needs: &mut Needs, carried: &[Vec<usize>]) {
         for (need, (a, b)) in needs.pairs.iter_mut().zip(self.screen.pairs()) {
             if carried[*a] == carried[*b] {
                 *need = f64::NEG_INFINITY;
