@@ -77,7 +77,7 @@ def test_a_strategy_by_hand_is_planned_and_drawn(page: Path, capfd: pytest.Captu
 
 def test_a_partial_motion_is_drawn_and_no_failure(page: Path, capfd: pytest.CaptureFixture[str]) -> None:
     strategy = page / "PushLid" / "strategies" / "push_lid.yaml"
-    strategy.write_text(strategy.read_text().replace("[0.0, -0.7, -0.7]", "[0.0, 1.0, 0.0]"))
+    strategy.write_text(strategy.read_text().replace("[0.0, -0.7, -0.7]", "[0.5, 0.8, 0.0]"))
     assert cli.run(["solve", "PushLid", "--assets", "mylibrary", "--seed", "1", "--library", "none"]) == 0
     said = capfd.readouterr().out
     assert "PushLid on tea_chest/1: partial" in said
