@@ -36,6 +36,7 @@ from typing import Any
 import numpy as np
 from keypoint_robots import KEYPOINTS, SOURCES, KeypointArm, read_arm
 from keypoint_targets import KINDS, POSE_ERROR, Target, joints_at, pose_errors, shifted, table, targets
+from markdown_tables import markdown_table
 from recheck import Question, answer_of, recheck
 from rules import angle_between
 from scipy.optimize import least_squares
@@ -198,7 +199,7 @@ def examine(arm: KeypointArm, target: Target, starts: int, seed: int) -> dict[st
 
 
 def results(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Yield the results of all problems, and append those that are new to the output."""
+    """Yield the results of all problems, and append new results to the output."""
     done = {}
     if options.out.exists():
         for line in options.out.read_text().splitlines():
@@ -224,18 +225,17 @@ def results(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 def report(records: list[dict[str, Any]]) -> str:
     """Return the Markdown table of the results."""
-    lines = ["| arm | problem | solved | infeasible, confirmed | others | CPU time, ms: median, maximum |"]
-    lines.append("|---|---|---|---|---|---|")
+    rows = []
     for arm, kind in dict.fromkeys((each["arm"], each["kind"]) for each in records):
         mine = [each for each in records if (each["arm"], each["kind"]) == (arm, kind)]
         counts = {name: sum(each["verdict"] == name for each in mine) for name in ("solved", "confirmed")}
         times = [each["cpu_ms"] for each in mine]
         cost = f"{statistics.median(times):.1f}, {max(times):.0f}"
         others = len(mine) - sum(counts.values())
-        lines.append(
-            f"| {arm} | {kind} | {counts['solved']} of {len(mine)} | {counts['confirmed']} | {others} | {cost} |"
-        )
-    return "\n".join(lines)
+        solved = f"{counts['solved']} of {len(mine)}"
+        rows.append([arm, kind, solved, str(counts["confirmed"]), str(others), cost])
+    head = ["arm", "problem", "solved", "infeasible, confirmed", "others", "CPU time, ms: median, maximum"]
+    return markdown_table(head, rows)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -254,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
         if record["verdict"] not in ("solved", "confirmed"):
             why = "; ".join(record["errors"]) or record["reason"]
             print(f"{record['id']}: {record['status']}, {record['verdict']}: {why}", file=sys.stderr)
-    print(report(records))
+    print(report(records), end="")
     return int(any(record["verdict"] not in ("solved", "confirmed") for record in records))
 
 

@@ -33,7 +33,7 @@ KEYPOINTS = {
 
 @dataclass(frozen=True)
 class ArmSource:
-    """Where the description of an arm is, and what the description lacks.
+    """Location of the description of an arm, and values that the description lacks.
 
     Attributes:
         package: package to download; None for ManiSkill's wheel, which is installed.

@@ -15,8 +15,8 @@ from pathlib import Path
 import coal
 import numpy as np
 import pinocchio as pin
-from mechanism import mesh_file
-from sampling import branch, extend
+from mechanism import link_of, mesh_file
+from sampling import connect
 
 Array = np.ndarray
 Pairs = Iterable[tuple[str, str]]
@@ -51,7 +51,7 @@ class RobotModel:
     def __init__(self, urdf: Path, names: list[str], planned: list[str]) -> None:
         root = ElementTree.fromstring(re.sub(rb"(</?|\s)\w+:(?=\w)", rb"\1", urdf.read_bytes()))
         joints = root.findall("joint")
-        self.parent = {_link(joint, "child"): joint for joint in joints}
+        self.parent = {link_of(joint, "child"): joint for joint in joints}
         self.mimics = {
             joint.get("name", ""): (
                 mimic.get("joint", ""),
@@ -114,7 +114,7 @@ class RobotModel:
             while name in self.mimics:
                 name = self.mimics[name][0]
             found.add(name)
-            link = _link(self.parent[link], "parent")
+            link = link_of(self.parent[link], "parent")
         return frozenset(found & set(self.planned))
 
 
@@ -228,38 +228,12 @@ def other_planner(
         return not shapes.collides(q)
 
     while not late():
-        path = _connect(start, goal, free, sample, late)
+        path = connect(start, goal, free, sample, late)
         if path is None:
             return None
         if all(free(q) for one, two in pairwise(path) for q in along(one, two, FINE)):
             return path
     return None
-
-
-def _connect(
-    start: Array, goal: Array, free: Callable[[Array], bool], sample: Callable[[], Array], late: Callable[[], bool]
-) -> list[Array] | None:
-    trees: list[tuple[list[Array], list[int]]] = [([start], [-1]), ([goal], [-1])]
-    turn = 0
-    while not late():
-        nodes, parents = trees[turn]
-        others, other_parents = trees[1 - turn]
-        new = extend(nodes, parents, sample(), free, 0.6)
-        reached = None if new is None else extend(others, other_parents, nodes[new], free, 0.6)
-        while reached is not None and not late():
-            assert new is not None
-            if np.array_equal(others[reached], nodes[new]):
-                one, two = branch(nodes, parents, new), branch(others, other_parents, reached)
-                return [*reversed(one), *two[1:]] if turn == 0 else [*reversed(two), *one[1:]]
-            reached = extend(others, other_parents, nodes[new], free, 0.6)
-        turn = 1 - turn
-    return None
-
-
-def _link(joint: ElementTree.Element, which: str) -> str:
-    element = joint.find(which)
-    assert element is not None
-    return element.get("link", "")
 
 
 def _plain(root: ElementTree.Element, folder: Path) -> str:

@@ -166,7 +166,7 @@ class Arm:
 
 
 def load(arm: Arm) -> dict[str, Any]:
-    """Return what the solver has read."""
+    """Return figures about the robot that the solver has read."""
     draw = np.random.default_rng(4)
     rows = np.array([arm.random(draw) for _ in range(1000)])
     scene = kpam.Scene(arm.robot)

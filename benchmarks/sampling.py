@@ -226,14 +226,26 @@ def rrt_connect(
     """
     if edge(start, goal, free):
         return [start, goal]
+
+    def sample() -> Array:
+        out = start.copy()
+        out[:7] = draw.uniform(arm.lower[:7], arm.upper[:7])
+        return out
+
+    path = connect(start, goal, free, sample, until)
+    return None if path is None else shorten(path, free, draw)
+
+
+def connect(
+    start: Array, goal: Array, free: Free, sample: Callable[[], Array], until: Callable[[], bool]
+) -> list[Array] | None:
+    """Return a path that two trees find, which grow from both ends; None if ``until`` says to give up before."""
     trees: list[tuple[list[Array], list[int]]] = [([start], [-1]), ([goal], [-1])]
     reach = 0.6
     turn = 0
     while not until():
         nodes, parents = trees[turn]
-        sample = start.copy()
-        sample[:7] = draw.uniform(arm.lower[:7], arm.upper[:7])
-        new = extend(nodes, parents, sample, free, reach)
+        new = extend(nodes, parents, sample(), free, reach)
         if new is not None:
             others, other_parents = trees[1 - turn]
             meeting = nodes[new]
@@ -244,8 +256,7 @@ def rrt_connect(
                 if np.array_equal(others[reached], meeting):
                     one = branch(nodes, parents, new)
                     two = branch(others, other_parents, reached)
-                    path = [*reversed(one), *two[1:]] if turn == 0 else [*reversed(two), *one[1:]]
-                    return shorten(path, free, draw)
+                    return [*reversed(one), *two[1:]] if turn == 0 else [*reversed(two), *one[1:]]
         turn = 1 - turn
     return None
 

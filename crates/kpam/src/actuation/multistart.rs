@@ -245,19 +245,22 @@ mod tests {
     use super::*;
     use crate::model::{Model, Placed};
 
-    /// The arm is almost stretched, and the tool is tilted by 0.85 of the tolerance: hardly any pose with a smaller tilt
-    /// reaches the target.
-    #[test]
-    fn targets_that_need_most_of_the_tolerance_are_reached() {
+    /// Calls `test` with problems whose tool is tilted by 0.85 of the tolerance, and with joints that solve them; the
+    /// sliding joint is `slide` of a number between 0 and 1. Returns how many tests hold, and how many were called.
+    fn tilted(
+        slide: impl Fn(f64) -> f64,
+        mut test: impl FnMut(crate::KeypointProblem, &Model, &Row) -> bool,
+    ) -> [usize; 2] {
         let template = problem(-1.0, 0.4, [0.5, 0.1, 0.3]);
         let model = Model::new(&template.robot, &template.q_start).unwrap();
         let mut placed = Placed::default();
-        let (mut reached, mut targets) = (0, 0);
+        let (mut held, mut targets) = (0, 0);
         for number in 1..=80 {
             let mut q = [0.0; MAX_JOINTS];
             for (v, value) in q.iter_mut().enumerate().take(model.n()) {
-                *value = 4.0 * (halton(number, v) - 0.5) * if v == 2 { 0.05 } else { 1.0 };
+                *value = 4.0 * (halton(number, v) - 0.5);
             }
+            q[2] = slide(halton(number, 2));
             placed.place(&template.robot, &model, &q);
             let along = placed.hand.rotation * nalgebra::Vector3::z();
             let target = placed.hand.translation.vector + 0.1 * along;
@@ -267,14 +270,26 @@ mod tests {
             }
             let mut problem = problem(center.cos(), 0.4, target.into());
             problem.options.workspace = None;
-            let resolved = problem.resolve().unwrap();
-            let mut search = ActuationSearch::new(&problem, &model, &resolved);
-            assert!(search.violation(&q) <= 0.0, "{number}");
-            let found = search.all(problem.options.num_seeds);
-            reached += usize::from(!found.candidates.is_empty());
+            held += usize::from(test(problem, &model, &q));
             targets += 1;
-            assert!(found.candidates.iter().all(|c| search.violation(&c.x) <= 0.0), "{number}");
         }
+        [held, targets]
+    }
+
+    /// The arm is almost stretched: hardly any pose with a smaller tilt reaches the target.
+    #[test]
+    fn targets_that_need_most_of_the_tolerance_are_reached() {
+        let [reached, targets] = tilted(
+            |share| 4.0 * (share - 0.5) * 0.05,
+            |problem, model, q| {
+                let resolved = problem.resolve().unwrap();
+                let mut search = ActuationSearch::new(&problem, model, &resolved);
+                assert!(search.violation(q) <= 0.0, "{q:?}");
+                let found = search.all(problem.options.num_seeds);
+                assert!(found.candidates.iter().all(|c| search.violation(&c.x) <= 0.0), "{q:?}");
+                !found.candidates.is_empty()
+            },
+        );
         assert!(10 * reached > 9 * targets, "{reached} of {targets}");
     }
 
@@ -282,30 +297,13 @@ mod tests {
     /// far as the tolerance allows.
     #[test]
     fn motions_that_need_most_of_the_tolerance_are_planned() {
-        let template = problem(-1.0, 0.4, [0.5, 0.1, 0.3]);
-        let model = Model::new(&template.robot, &template.q_start).unwrap();
-        let mut placed = Placed::default();
-        let (mut solved, mut targets) = (0, 0);
-        for number in 1..=80 {
-            let mut q = [0.0; MAX_JOINTS];
-            for (v, value) in q.iter_mut().enumerate().take(model.n()) {
-                *value = 4.0 * (halton(number, v) - 0.5);
-            }
-            q[2] = 0.15 + 0.4 * halton(number, 2);
-            placed.place(&template.robot, &model, &q);
-            let along = placed.hand.rotation * nalgebra::Vector3::z();
-            let target = placed.hand.translation.vector + 0.1 * along;
-            let center = along.z.acos() + if number % 2 == 0 { 0.34 } else { -0.34 };
-            if !(0.5..=2.6).contains(&center) {
-                continue;
-            }
-            let mut problem = problem(center.cos(), 0.4, target.into());
-            problem.options.workspace = None;
-            problem.config.post.push(crate::config::Motion::Translate { axis: 2, distance: 0.03 });
-            targets += 1;
-            let plan = crate::plan::plan(&problem);
-            solved += usize::from(plan.status() == crate::Status::Solved);
-        }
+        let [solved, targets] = tilted(
+            |share| 0.15 + 0.4 * share,
+            |mut problem, _, _| {
+                problem.config.post.push(crate::config::Motion::Translate { axis: 2, distance: 0.03 });
+                crate::plan::plan(&problem).status() == crate::Status::Solved
+            },
+        );
         // Without poses at the edge of the tolerances, 55 are solved. Some of the others have no motion.
         assert!(solved >= 57, "{solved} of {targets}");
     }
