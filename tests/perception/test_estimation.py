@@ -761,8 +761,7 @@ def test_the_drawer_moves_a_hidden_object_in_it_unless_the_hand_has_grasped_the_
     wall = np.stack(np.meshgrid([0.5], np.arange(-0.2, 0.2, 0.01), np.arange(0.3, 0.5, 0.01)), -1).reshape(-1, 3)
     goal.rigid.take_in(wall, np.ones(len(wall), dtype=bool))
     assert goal.rigid.is_hidden("apple")
-    goal.track = replace(goal.track, change=-0.1)
-    goal._carry()
+    goal._carry(-0.1)
     by = goal.rigid.found["apple"].center - inside.center
     if is_grasped:
         assert by[:2] == pytest.approx([0.0, 0.3])

@@ -58,6 +58,10 @@ MOST_REFINED = 0.2
 """Maximum correction of the yaw that upright surfaces may cause, rad."""
 LEAST_SPAN, MOST_SPAN = 0.8, 1.8
 """Range of the estimated joint range, as multiples of the smallest and largest joint range of the training objects."""
+OPEN_ENOUGH = 0.4
+"""Minimum estimated openness of a sliding part at which its visible points show its width."""
+EDGES = (0.05, 0.95)
+"""Quantiles of the points that count as the left and the right edge of a sliding part."""
 MOST_TURNED = 0.6
 """Maximum correction of a revolute joint's value that the surfaces of the moving part may cause, rad."""
 
@@ -298,6 +302,9 @@ class SceneEstimator:
             upper=upper,
             hypotheses=hypotheses,
         )
+        keypoints = dict(zip(kind.keypoints, found["places"][1:], strict=False))
+        if self.refine and kind.joint_type == "prismatic" and len(kind.keypoints) > 1 and kind.moving[-1]:
+            keypoints = between_sides(keypoints, xyz[rows[moving]], joint)
         T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
         T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
         T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
@@ -310,7 +317,7 @@ class SceneEstimator:
             yaw=yaw,
             T_base_object=T,
             joint=joint,
-            keypoints=dict(zip(kind.keypoints, found["places"][1:], strict=False)),
+            keypoints=keypoints,
             keypoint_deviations={
                 name: self.scales["keypoints"] * float(each)
                 for name, each in zip(kind.keypoints, deviations[3:], strict=False)
@@ -319,6 +326,34 @@ class SceneEstimator:
             object_axis=kind.object_axis,
             moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),
         )
+
+
+def between_sides(keypoints: Mapping[str, Array], moving: Points, joint: JointEstimate) -> dict[str, Array]:
+    """Return the keypoints of a drawer, moved sideways according to the two sides of the drawer. Return them unchanged
+    if the joint is not horizontal, if the drawer is hardly open, or if it has too few points.
+
+    The last keypoint, which is inside the drawer, is moved to the middle between the sides. Other keypoints, such as
+    the handle, are moved to the middle only if they are not between the sides.
+
+    The half of the points that lies farthest in the direction of opening shows the front and both sides. The other half
+    often contains points of the cabinet.
+
+    Args:
+        keypoints: estimated keypoints (3,) by name, in a frame with a vertical z axis, m.
+        moving: (M, 3) points of the drawer in this frame, m.
+        joint: estimated joint in this frame.
+    """
+    if abs(joint.axis[2]) > LEVEL or joint.openness < OPEN_ENOUGH or len(moving) < LEAST_POINTS:
+        return dict(keypoints)
+    across = np.array([-joint.axis[1], joint.axis[0], 0.0])
+    across /= np.linalg.norm(across)
+    along = moving @ joint.axis
+    left, right = np.quantile(moving[along >= np.median(along)] @ across, EDGES)
+    found = {}
+    for name, at in keypoints.items():
+        is_between = left <= at @ across <= right and name != list(keypoints)[-1]
+        found[name] = at if is_between else at + (0.5 * (left + right) - at @ across) * across
+    return found
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:

@@ -14,7 +14,14 @@ from gensim2.core.errors import InputError
 from gensim2.objects.types import joint_motion
 from gensim2.perception.cloud import CloudSettings, farthest_points, inlier_mask, uniform_stride
 from gensim2.perception.estimation.classes import by_name
-from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
+from gensim2.perception.estimation.estimator import (
+    LEAST_POINTS,
+    LEVEL,
+    ObjectEstimate,
+    Points,
+    SceneEstimate,
+    SceneEstimator,
+)
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET
 from gensim2.perception.estimation.rigid import RigidEstimate, clusters, shape_of
@@ -22,7 +29,7 @@ from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import CELL, planning_scene
 from gensim2.perception.estimation.tracking import MOVED, STALLED, Track
 from gensim2.planning.scene import Scene
-from gensim2.tasks.criteria import Criterion, all_hold
+from gensim2.tasks.criteria import JOINT, Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +41,8 @@ FINE_CELL = 0.02
 """Side of the grid cells (m) of obstacle boxes in dense clouds (:data:`~gensim2.perception.estimation.scene.CELL`)."""
 CLASS_ODDS = 100.0
 """Prior odds that an articulated object in the cloud has the task's class instead of another class."""
+LOWEST = 0.05
+"""Quantile of the heights of a moving part's points that counts as the height of its floor."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -113,6 +122,8 @@ class GoalTracker:
         self._seen_at_first = 0
         self._first_motion = 0
         self._obstacles: Points = np.zeros((0, 3), dtype=np.float32)
+        # Heights (m) of the lowest points of the part into which objects are put, one for each cloud.
+        self._floors: list[float] = []
         self._aim(self._success)
 
     def begin_step(self, done: Sequence[Criterion]) -> None:
@@ -127,11 +138,17 @@ class GoalTracker:
     def _aim(self, criteria: Sequence[Criterion]) -> None:
         kinds = {each.type for each in criteria}
         self._goal = ("articulated_open" in kinds) - ("articulated_closed" in kinds)
+        self._moves_joint = any(isinstance(each, JOINT) for each in criteria)
 
     def begin_motion(self) -> None:
         """Keep the latest estimate: after the motion, the displacement of the joint is measured against its cloud."""
         self.motions, self._before = self.motions + 1, self.track
-        self._carried = {name: each for name, each in self.rigid.found.items() if self._is_in_moving_part(each)}
+        # A closed drawer hides the objects in it, and its visible points do not show where it ends.
+        self._carried = {
+            name: each
+            for name, each in self.rigid.found.items()
+            if name != self.rigid.held and (name in self._carried or self._is_in_moving_part(each))
+        }
 
     def hold(self, name: str | None, T_world_object: Array | None = None) -> None:
         """Set the object in the hand and its pose (4, 4) in the world; None: the hand is empty."""
@@ -155,8 +172,14 @@ class GoalTracker:
             seen = thinned(cloud)
             estimate = self.estimator.estimate(seen, self.asset_class)
             of_articulated = _nearest_labels(cloud, seen, _groups(estimate, len(seen))) == TARGET
+        if self._carried and self._before is not None:
+            # Before the objects in the moving part are sought, they are moved to where the part has carried them.
+            [found] = self._estimate(cloud, self._before.found.asset_class).objects or [None]
+            if found is not None:
+                self._carry(self._before.displacement(found, cloud, is_expected=self._moves_joint))
         T = self.estimator.profile.T_world_base
-        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated)
+        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated, self._carried)
+        self._carried = {name: each for name, each in self._carried.items() if self.rigid.is_hidden(name)}
         if not self.looks and self.rigid.missing:
             name = self.rigid.missing[0]
             self.mismatch = {"object": name, "class": self._objects[name]}
@@ -182,9 +205,15 @@ class GoalTracker:
         self.track = (
             Track(found, cloud, seen.others)
             if self._before is None
-            else self._before.after(found, cloud, seen.others, self._goal)
+            else self._before.after(found, cloud, seen.others, self._goal, is_expected=self._moves_joint)
         )
-        self._carry()
+        self._carry(self.track.change)
+        if self.has_floor:
+            T = self.estimator.profile.T_world_base
+            moving = cloud[found.points[found.moving]] @ T[:3, :3].T + T[:3, 3]
+            if len(moving) >= LEAST_POINTS:
+                self._floors.append(float(np.quantile(moving[:, 2], LOWEST)))
+        self._rest_on_floor()
 
     def _estimate(self, cloud: Points, asset_class: str) -> SceneEstimate:
         """Estimate the articulated object. A cloud of a task with rigid objects is thinned first, because the network
@@ -205,25 +234,58 @@ class GoalTracker:
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
         """Return whether the centre of a rigid object lies in the bounding box of the moving part."""
-        track = self.track
-        if track is None or not track.found.moving.any():
+        if self.track is None:
             return False
-        T = self.estimator.profile.T_world_base
-        points = track.cloud[track.found.points[track.found.moving]] @ T[:3, :3].T + T[:3, 3]
-        return bool((points.min(axis=0) <= thing.center).all() and (thing.center <= points.max(axis=0)).all())
+        low, high = self._bounds_of(self.track.found.points[self.track.found.moving])
+        return bool((low <= thing.center).all() and (thing.center <= high).all())
 
-    def _carry(self) -> None:
-        """Move the objects in the moving part by the joint's displacement in the latest motion, unless the latest cloud
-        shows them.
+    def _carry(self, change: float | None) -> None:
+        """Move the hidden objects in the moving part by a displacement (rad or m) of the joint since the latest motion
+        began.
+        """
+        if self._before is None or change is None:
+            return
+        joint, T = self._before.found.joint, self.estimator.profile.T_world_base
+        motion = T @ joint_motion(joint.type, joint.axis, change, joint.origin) @ np.linalg.inv(T)
+        for name, before in self._carried.items():
+            self.rigid.found[name] = before.at(motion @ before.T_world_object)
+
+    @property
+    def has_floor(self) -> bool:
+        """Whether the moving part slides horizontally and carries objects, as a drawer does: the joint moves the
+        measured keypoint, which is the last of several keypoints.
         """
         track = self.track
-        if track is None or track.change is None or not self._carried:
+        if track is None or track.found.joint.type != "prismatic" or abs(track.found.joint.axis[2]) > LEVEL:
+            return False
+        names = list(track.found.keypoints)
+        return len(names) > 1 and names[-1] in track.found.moving_keypoints
+
+    @property
+    def floor(self) -> float | None:
+        """Height (m) of the floor of the moving part in the world frame: the median over all clouds. None if the moving
+        part has no floor, or if it has too few points.
+        """
+        return float(np.median(self._floors)) if self._floors else None
+
+    def _rest_on_floor(self) -> None:
+        """Raise hidden released objects above the moving part to its floor, which no camera may see."""
+        track, floor = self.track, self.floor
+        if track is None or floor is None:
             return
-        joint, T = track.found.joint, self.estimator.profile.T_world_base
-        motion = T @ joint_motion(joint.type, joint.axis, track.change, joint.origin) @ np.linalg.inv(T)
-        for name, before in self._carried.items():
-            if self.rigid.is_hidden(name):
-                self.rigid.found[name] = before.at(motion @ before.T_world_object)
+        low, high = self._bounds_of(track.found.points[track.found.moving])
+        for name, each in self.rigid.found.items():
+            if (low[:2] <= each.center[:2]).all() and (each.center[:2] <= high[:2]).all():
+                self.rigid.rest_on(name, floor)
+
+    def _bounds_of(self, rows: npt.NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the lowest and the highest corner (3,) of points of the latest cloud in the world frame, m."""
+        assert self.track is not None
+        T = self.estimator.profile.T_world_base
+        points = self.track.cloud[rows] @ T[:3, :3].T + T[:3, 3]
+        if not len(points):
+            return np.full(3, np.inf), np.full(3, -np.inf)
+        return points.min(axis=0), points.max(axis=0)
 
     def _mismatch(self, found: ObjectEstimate | None) -> dict[str, Any] | None:
         """Return why a cloud does not show an object of the task's class; None if the cloud shows the object."""
@@ -282,7 +344,7 @@ class GoalTracker:
         Args:
             q: (n,) joint values of the robot.
             distrust: factor of the safety margin; 0 ignores the uncertainty of the estimate. With a negative factor,
-            an estimate below the goal counts as success if its uncertainty allows this.
+                an estimate below the goal counts as success if its uncertainty allows this.
         """
         assert self.is_seen, "the first cloud does not show the objects"
         profile, track = self.estimator.profile, self.track
@@ -296,8 +358,9 @@ class GoalTracker:
             openness[self.name] = found.joint.openness - doubt * self._goal
             joint_speed[self.name] = 0.0
             # Without contents, the criteria compare heights, because an estimate does not show whether the articulated
-            # object is a container.
-            contents = {self.name: inside} if (inside := self._contents(track)) else {}
+            # object is a container. A part with a floor is one.
+            inside = self._contents(track)
+            contents = {self.name: inside} if inside or self.floor is not None else {}
         return Measurement(
             openness=openness,
             joint_speed=joint_speed,
@@ -313,16 +376,17 @@ class GoalTracker:
 
     def _contents(self, track: Track) -> frozenset[str]:
         """Return the names of the rigid objects in the bounding box of the articulated object, except the grasped
-        object.
+        object. An object is not in a drawer if even its highest point is below the floor of the drawer.
         """
-        T = self.estimator.profile.T_world_base
-        points = track.cloud[track.found.points] @ T[:3, :3].T + T[:3, 3]
-        low, high = points.min(axis=0), points.max(axis=0)
-        low[2] = 0.0
+        low, high = self._bounds_of(track.found.points)
+        low[2], floor = 0.0, 0.0 if self.floor is None else self.floor
         return frozenset(
             name
             for name, each in self.rigid.found.items()
-            if name != self.rigid.held and (low <= each.center).all() and (each.center <= high).all()
+            if name != self.rigid.held
+            and (low <= each.center).all()
+            and (each.center <= high).all()
+            and each.bounds[1, 2] >= floor
         )
 
     def scene(self, q: Array) -> Scene:
@@ -338,8 +402,9 @@ class GoalTracker:
         if track is None or self.name is None:
             return planning_scene({}, self._obstacles, np.arange(len(self._obstacles)), q, profile, rigid=rigid)
         cell = FINE_CELL if rigid else CELL
+        floor = None if self.floor is None else self.floor - float(profile.T_world_base[2, 3])
         found = planning_scene(
-            {self.name: track.to_plan}, track.cloud, track.others, q, profile, rigid=rigid, cell=cell
+            {self.name: track.to_plan}, track.cloud, track.others, q, profile, rigid=rigid, cell=cell, floor=floor
         )
         # The objects of the scene are in the order of the task.
         return replace(found, objects={name: found.objects[name] for name in self._objects})

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation.rigid import (
     LEAST_IN_CLUSTER,
@@ -41,12 +42,20 @@ it is connected to other points, or it does not reach down to the table.
 """
 DROPPED_ERROR = 0.006
 """Maximum mean distance (m) of points from the surface of an object that was released into a container."""
-FARTHEST_DROP = 0.12
+FARTHEST_DROP = 0.08
 """Maximum horizontal distance (m) of a released object from the place of the release."""
+FARTHEST_ROLL = 0.06
+"""Maximum horizontal distance (m) of an object in a moving part from the pose to which the part has carried it."""
+MOST_RISE = 0.04
+"""Maximum height (m) of a released object above its height at the release. If the hand sets an object down too low, the
+object slips between the fingers.
+"""
 EXCESS = 0.015
 """Maximum excess (m) of a cluster's dimensions over the dimensions of a released object."""
 MAX_ITERATIONS = 20
 """Maximum number of iterations of the fit of a released object."""
+TILTED = 0.8
+"""Maximum ratio of the errors of two fits, with and without a rotation, if the object has tilted."""
 
 
 class RigidTracker:
@@ -97,12 +106,22 @@ class RigidTracker:
         """Return whether the latest cloud does not show an object, although the hand does not hold the object."""
         return name in self._hidden
 
-    def take_in(self, points: Array, on_articulated: Mask) -> npt.NDArray[np.int64]:
+    def rest_on(self, name: str, height: float) -> None:
+        """Raise a hidden released object to a surface at ``height`` (m), but not above the place of the release."""
+        if name in self._released and name in self._hidden:
+            found = self.found[name]
+            most = self._released[name] - float(found.T_world_object[2, 3])
+            by = min(height - float(found.bounds[0, 2]), most)
+            self.found[name] = found.moved(np.array([0.0, 0.0, max(0.0, by)]))
+
+    def take_in(self, points: Array, on_articulated: Mask, carried: Collection[str] = ()) -> npt.NDArray[np.int64]:
         """Estimate the objects in a cloud.
 
         Args:
             points: (N, 3) points in the world frame, m, without points of the robot.
             on_articulated: (N,) whether the network considers each point a part of the articulated object.
+            carried: names of objects in a moving part. They are sought only near their poses, because the part hides
+                them, and parts of the articulated object, such as a knob, may have their dimensions.
 
         Returns:
             Index (N,) of the object that each point shows, in the order of ``shapes``; -1: none of the objects.
@@ -119,11 +138,17 @@ class RigidTracker:
             if name == self.held or (name not in self._released and self._is_unmoved(name, points[own < 0])):
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
-        self._place([name for name in sought if name not in self._released], points, on_articulated, changed, own)
-        self._place([name for name in sought if name in self._released], points, on_articulated, changed, own, 0.0)
-        for name in [each for each in sought if each in self._released]:
-            if self._settle(name, points, changed & (own < 0)):
-                self._claim(name, points, own)
+        inside = [name for name in sought if name in carried]
+        released = [name for name in sought if name in self._released and name not in carried]
+        unknown = [name for name in sought if name not in inside and name not in released]
+        self._place(unknown, points, on_articulated, changed, own)
+        self._place(released, points, on_articulated, changed, own, standing=True)
+        for names, farthest in ((released, FARTHEST_DROP), (inside, FARTHEST_ROLL)):
+            for name in [each for each in names if (own != self._index(each)).all()]:
+                if self._settle(name, points, changed & (own < 0), farthest):
+                    self._claim(name, points, own)
+                elif name not in carried:
+                    self._drop(name, points)
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
         self._past = points[own < 0]
         for name, each in self.found.items():
@@ -153,11 +178,13 @@ class RigidTracker:
         on_articulated: Mask,
         changed: Mask,
         own: npt.NDArray[np.int64],
-        most: float = np.inf,
+        *,
+        standing: bool = False,
     ) -> None:
-        """Assign the clusters of the cloud to objects, and fit the objects to their clusters. Clusters whose additional
-        cost exceeds ``most`` are left out: a released object that does not stand on the table has moved little, and
-        :meth:`_settle` looks for it near the place of the release.
+        """Assign the clusters of the cloud to objects, and fit the objects to their clusters.
+
+        With ``standing``, only clusters count that stand on the table and touch nothing else: any other released object
+        has moved little, and :meth:`_settle` looks for it near the place of the release.
         """
         if not names:
             return
@@ -167,21 +194,22 @@ class RigidTracker:
         wholes: dict[int, int] = {}
         # An object that touches the articulated object belongs to its cluster, but the network may tell them apart.
         for whole, rows in enumerate(list(found)):
-            apart = rows[~on_articulated[rows]]
-            if 0 < len(apart) < len(rows):
-                for part in clusters(points[apart]):
+            free = rows[~on_articulated[rows]]
+            if 0 < len(free) < len(rows):
+                for part in clusters(points[free]):
                     wholes[len(found)] = whole
-                    found.append(apart[part])
+                    found.append(free[part])
         penalties = [
             UNUSUAL * (number in wholes)
             + UNUSUAL * float(on_articulated[rows].mean() > 0.5)
             + UNUSUAL * float(points[rows, 2].min() > TABLE)
             for number, rows in enumerate(found)
         ]
+        apart = [number not in wholes and points[rows, 2].min() <= TABLE for number, rows in enumerate(found)]
         kept = [
             number
             for number, rows in enumerate(found)
-            if penalties[number] <= most and (self._past is None or changed[rows].mean() >= CHANGED_SHARE)
+            if (apart[number] or not standing) and (self._past is None or changed[rows].mean() >= CHANGED_SHARE)
         ]
         found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
         overlapping = [
@@ -195,13 +223,15 @@ class RigidTracker:
             own[found[column]] = self._index(name)
             self._claim(name, points, own)
 
-    def _settle(self, name: str, points: Array, changed: Mask) -> bool:
-        """Estimate where a released object has come to rest, and return whether the cloud shows the object.
+    def _settle(self, name: str, points: Array, changed: Mask, farthest: float) -> bool:
+        """Estimate where a released object, or an object in a moving part, has come to rest. Return whether the cloud
+        shows the object.
 
-        The points that the previous cloud does not contain show the object, if their dimensions and their shape fit.
-        Without such points the object counts as lying below the place of the release.
+        The points that the previous cloud does not contain show the object, if their dimensions and their shape fit,
+        and if they are within the horizontal distance ``farthest`` (m) of the object's last pose.
         """
         before = self.found[name]
+        height = self._released.get(name, float(before.T_world_object[2, 3]))
         fits = []
         new = points[changed]
         limit = np.sort(np.ptp(before.bounds, axis=0)) + EXCESS
@@ -212,34 +242,59 @@ class RigidTracker:
             fit = _displaced(before, part)
             drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
             away = float(np.linalg.norm(drop))
-            rise = float(fit.T_world_object[2, 3]) - self._released[name]
-            if fit.error <= DROPPED_ERROR and away <= FARTHEST_DROP and rise <= EXCESS:
+            rise = float(fit.T_world_object[2, 3]) - height
+            if fit.error <= DROPPED_ERROR and away <= farthest and rise <= MOST_RISE:
                 fits.append((away, fit))
         if fits:
             self.found[name] = min(fits, key=lambda each: each[0])[1]
-            del self._released[name]
-            return True
+            self._released.pop(name, None)
+        return bool(fits)
+
+    def _drop(self, name: str, points: Array) -> None:
+        """Move a released object that the cloud does not show to the highest points below it, or to the table."""
+        before = self.found[name]
         low, high = before.bounds
         middle, radius = 0.5 * (low + high)[:2], 0.25 * float(np.linalg.norm((high - low)[:2]))
         below = points[np.linalg.norm(points[:, :2] - middle, axis=1) <= radius, 2]
         below = below[below <= low[2]]
         support = float(below.max()) if len(below) else 0.0
         self.found[name] = before.moved(np.array([0.0, 0.0, min(0.0, support - float(low[2]))]))
-        return False
 
 
 def _displaced(found: RigidEstimate, points: Array) -> RigidEstimate:
-    """Return an estimate after the displacement that fits it best to points (N, 3) in the world frame, m."""
-
+    """Return an estimate after the displacement that fits it best to points (N, 3) in the world frame, m. If no
+    displacement without a rotation fits well, the object has tilted, and the result is rotated as well.
+    """
     low, high = found.bounds
     by = 0.5 * (points.min(axis=0) + points.max(axis=0)) - 0.5 * (low + high)
     by[2] = points[:, 2].max() - high[2]
-    samples = found.samples
-    tree = cKDTree(samples)
+    moved = _registered(found.moved(by), points, turns=False)
+    if moved.error <= UNMOVED_ERROR:
+        return moved
+    turned = _registered(moved, points, turns=True)
+    return turned if turned.error < TILTED * moved.error else moved
+
+
+def _registered(found: RigidEstimate, points: Array, *, turns: bool) -> RigidEstimate:
+    """Return an estimate that is registered to points (N, 3) in the world frame, m, by iterated closest points.
+
+    Args:
+        found: estimate that is near the points.
+        points: points of the object in the world frame, m.
+        turns: whether the registration rotates the object, or only shifts it.
+    """
+    tree, samples = cKDTree(found.samples), found.samples
+    T = np.eye(4)
     for _ in range(MAX_ITERATIONS):
-        _, rows = tree.query(points - by)
-        step = (points - by - samples[rows]).mean(axis=0)
-        by = by + step
-        if np.linalg.norm(step) < 1e-4:
+        local = (points - T[:3, 3]) @ T[:3, :3]
+        nearest = samples[tree.query(local)[1]]
+        step = np.eye(4)
+        if turns:
+            rotation, _ = Rotation.align_vectors(local - local.mean(axis=0), nearest - nearest.mean(axis=0))
+            step[:3, :3] = rotation.as_matrix()
+        step[:3, 3] = local.mean(axis=0) - step[:3, :3] @ nearest.mean(axis=0)
+        T = T @ step
+        if np.linalg.norm(step - np.eye(4)) < 1e-4:
             break
-    return replace(found.moved(by), error=float(tree.query(points - by)[0].mean()))
+    local = (points - T[:3, 3]) @ T[:3, :3]
+    return replace(found.at(T @ found.T_world_object), error=float(tree.query(local)[0].mean()))

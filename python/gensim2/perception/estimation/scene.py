@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.perception.estimation.estimator import LEVEL, ObjectEstimate, Points
+from gensim2.perception.estimation.estimator import EDGES, LEVEL, ObjectEstimate, Points
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.world import TABLE
 from gensim2.robots import RobotProfile
@@ -30,6 +30,7 @@ BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 
 _TABLE_HULLS = (corners(),)
+_SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
 
 
 def planning_scene(
@@ -41,6 +42,7 @@ def planning_scene(
     *,
     rigid: Mapping[str, SceneObject] | None = None,
     cell: float = CELL,
+    floor: float | None = None,
 ) -> Scene:
     """Convert estimated objects to a scene of the planner.
 
@@ -52,6 +54,7 @@ def planning_scene(
         profile: robot profile.
         rigid: rigid objects of the planner's scene by name.
         cell: side of the grid cells of the boxes, m.
+        floor: height of the floor of the objects' moving part in the base frame, m; None: the part has no floor.
     """
     table = np.eye(4)
     table[2, 3] = -HALF_SIZE[2]
@@ -63,13 +66,18 @@ def planning_scene(
         q=q,
         qvel=np.zeros_like(q),
         T_world_base=profile.T_world_base,
-        objects={name: scene_object(name, _raised(each, cloud, profile), cloud, cell) for name, each in objects.items()}
+        objects={
+            name: scene_object(name, _raised(each, cloud, profile), cloud, cell, floor)
+            for name, each in objects.items()
+        }
         | dict(rigid or {}),
         fixtures=tuple(fixtures),
     )
 
 
-def scene_object(name: str, found: ObjectEstimate, cloud: Points, cell: float = CELL) -> SceneObject:
+def scene_object(
+    name: str, found: ObjectEstimate, cloud: Points, cell: float = CELL, floor: float | None = None
+) -> SceneObject:
     """Return an estimate as an object of the planner's scene.
 
     Args:
@@ -77,10 +85,14 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, cell: float = 
         found: estimated object.
         cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
         cell: side of the grid cells of the boxes, m.
+        floor: height of the floor of the moving part in the base frame, m. Cameras above an open drawer may not see its
+            floor, and the planner would move the hand through it. None: the part has no floor.
     """
     bodies = []
     for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):
         hulls = boxes(cloud[rows], cell)
+        if link == "moving" and hulls and floor is not None:
+            hulls = (*hulls, _slab(cloud[rows], found.joint.axis, floor))
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint, beyond = found.joint, BEYOND[found.joint.type]
@@ -117,6 +129,18 @@ def _raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> Obje
     return replace(found, keypoints=keypoints)
 
 
+def _slab(points: Points, axis: Array, height: float) -> Array:
+    """Return the corners (8, 3) of a horizontal slab that lies at ``height`` (m) under points (N, 3). Two of its sides
+    are parallel to a horizontal axis (3,).
+    """
+    along = np.array([axis[0], axis[1], 0.0]) / np.hypot(axis[0], axis[1])
+    frame = np.stack([along, np.array([-along[1], along[0], 0.0]), np.array([0.0, 0.0, 1.0])])
+    local = points.astype(np.float64) @ frame.T
+    low, high = np.quantile(local, EDGES, axis=0)
+    low[2], high[2] = height - SKIN, height + SKIN
+    return np.asarray(np.where(_SIGNS, high, low) @ frame)
+
+
 def boxes(points: Points, cell: float = CELL) -> tuple[Array, ...]:
     """Divide points among the cells of a grid, and return the corners (8, 3) of an axis-aligned box around the points
     of each cell. The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
@@ -130,10 +154,9 @@ def boxes(points: Points, cell: float = CELL) -> tuple[Array, ...]:
     cells, rows = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(rows.reshape(-1), kind="stable")
     counts = np.bincount(rows.reshape(-1), minlength=len(cells))
-    signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
     found = []
     for part in np.split(points[order].astype(np.float64), np.cumsum(counts)[:-1]):
         if len(part) >= LEAST_IN_CELL:
             low, high = part.min(axis=0) - SKIN, part.max(axis=0) + SKIN
-            found.append(np.where(signs, high, low))
+            found.append(np.where(_SIGNS, high, low))
     return tuple(found)

@@ -26,6 +26,10 @@ LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 """Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
 part, and of the points without a counterpart.
 """
+UNEXPECTED_GAIN = 0.5
+"""Minimum of this reduction after a motion that should not move the joint. The hand often hides a part of the object,
+and a displacement can then match the rest of the part with other surfaces.
+"""
 LEAST_SHIFT = {"revolute": 0.3, "prismatic": 0.025}
 """Minimum displacement (rad or m) of an estimated keypoint along the joint for the displacement to count."""
 NEAREST = 3
@@ -34,6 +38,10 @@ MOST_MISSED = 0.06
 """Maximum distance (m) of the points that replace a keypoint."""
 RELATIVE, ABSOLUTE = 0.1, 0.04
 """Standard deviation of a measured displacement: a fraction of the displacement plus a fraction of the joint range."""
+AGREEING, AGREEING_SHARE = 0.25, 0.5
+"""Maximum difference between two changes of the openness that agree, one from two estimates and the other from a
+measured displacement: a constant, or a fraction of the displacement if this is larger.
+"""
 
 MOVED = {"revolute": 0.15, "prismatic": 0.012}
 """Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range. A joint
@@ -43,7 +51,15 @@ STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
 
 
-def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points) -> float | None:
+MOST_DEVIATIONS = 3.0
+"""Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
+at this end.
+"""
+
+
+def displacement(
+    before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points, *, is_expected: bool = True
+) -> float | None:
     """Return the displacement (rad or m) of an object's joint between two clouds. The type and the axis of the joint
     are taken from the estimate ``before``.
 
@@ -59,6 +75,8 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     Args:
         before, after: estimates of the object.
         old, new: (N, 3) point clouds of the estimates in the base frame, m.
+        is_expected: whether the motion should have moved the joint. If it should not, only a displacement that explains
+            most of the change counts, and a displacement of the keypoint alone does not count.
 
     Returns:
         The displacement; None if a cloud shows too little of the moving part.
@@ -70,9 +88,11 @@ def displacement(before: ObjectEstimate, old: Points, after: ObjectEstimate, new
     found = None
     for moving, gain in ((estimated, LEAST_GAIN), (changed, LEAST_GAIN_OF_CHANGES)):
         if min(map(len, moving)) >= LEAST_MOVING:
-            found = _fitted(before.joint, moving, trees, gain)
+            found = _fitted(before.joint, moving, trees, gain if is_expected else UNEXPECTED_GAIN)
             if found:
                 return found
+    if not is_expected:
+        return found
     shift = _keypoint_shift(before, after)
     return shift if abs(shift) >= LEAST_SHIFT[before.joint.type] else found
 
@@ -115,12 +135,13 @@ class Track:
     """Estimate of an object that is followed over the motions of an episode.
 
     Attributes:
-        found: estimate, with an openness that takes all clouds so far into account.
+        found: estimate, with an openness and keypoints that take all clouds so far into account.
         cloud: (N, 3) last point cloud that shows the object, base frame, m.
         others: row indices of cloud points on other bodies.
         moved: displacement of the joint since the first cloud, rad or m.
         change: displacement of the joint in the latest motion, rad or m; None if it was not measured.
         misses: number of motions that did not move the joint since a motion last moved it.
+        latest: estimate from the last cloud alone; None: the same as ``found``.
     """
 
     found: ObjectEstimate
@@ -129,6 +150,7 @@ class Track:
     moved: float = 0.0
     change: float | None = None
     misses: int = 0
+    latest: ObjectEstimate | None = None
 
     @property
     def to_plan(self) -> ObjectEstimate:
@@ -140,27 +162,44 @@ class Track:
         """
         return at_points(self.found, self.cloud) if self.misses % 2 else self.found
 
-    def after(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
+    def displacement(self, found: ObjectEstimate, cloud: Points, *, is_expected: bool = True) -> float | None:
+        """Return the displacement (rad or m) of the joint between the last cloud and a new cloud, as the function
+        :func:`displacement` does.
+        """
+        return displacement(self.latest or self.found, self.cloud, found, cloud, is_expected=is_expected)
+
+    def after(
+        self,
+        found: ObjectEstimate,
+        cloud: Points,
+        others: npt.NDArray[np.int64],
+        goal: int,
+        *,
+        is_expected: bool = True,
+    ) -> Track:
         """Return the track after a motion.
 
         The new openness is a weighted mean of two values: the openness in the new estimate, and the openness in the old
         estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
         joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
-        of its range.
+        of its range, unless the new openness contradicts this.
+
+        If a motion has moved a prismatic joint, and the new openness agrees with the measured displacement, each
+        keypoint is the more certain of two: the new keypoint, and the old keypoint after the displacement.
 
         Args:
             found: new estimate of the object.
             cloud, others: cloud of this estimate, and points on other bodies.
             goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0.
+            is_expected: whether the motion should have moved the joint, as for :func:`displacement`.
         """
-        change = displacement(self.found, self.cloud, found, cloud)
+        change = self.displacement(found, cloud, is_expected=is_expected)
         if change is None:
             return Track(found, cloud, others, self.moved, misses=self.misses)
+        latest, found = found, self._with_keypoints(found, change)
         span = self.found.joint.upper - self.found.joint.lower
         moved = self.moved + change
         kind = self.found.joint.type
-        if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
-            return Track(found.at(0.5 + 0.5 * goal, ABSOLUTE), cloud, others, moved, change)
         is_still = abs(change) < STALLED[kind]
         misses = self.misses + 1 if goal and is_still else 0
         old, new = self.found.joint, found.joint
@@ -174,7 +213,35 @@ class Track:
         # Two clouds of an object that has not moved lead to the same error, so their mean is not more accurate.
         least = min(old.openness_deviation, new.openness_deviation)
         deviation = least if is_still else float(shares.sum() ** -0.5)
-        return Track(found.at(openness, deviation), cloud, others, moved, change, misses)
+        if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
+            end = 0.5 + 0.5 * goal
+            if abs(new.openness - end) <= MOST_DEVIATIONS * new.openness_deviation:
+                return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
+        return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
+
+    def _with_keypoints(self, found: ObjectEstimate, change: float) -> ObjectEstimate:
+        """Return a new estimate in which the old keypoints, after a displacement (m) of the joint, replace keypoints
+        that are less certain. For example, the keypoints of a closed drawer are uncertain if several drawers look
+        alike.
+
+        If the joint is revolute, if no motion has moved it yet, or if the openness in the new estimate does not agree
+        with the displacement, the estimate is returned unchanged. The old keypoints of a revolute joint are not used,
+        because the error of the axis position displaces them.
+        """
+        before, joint, latest = self.found, self.found.joint, self.latest or self.found
+        has_moved = abs(change) >= MOVED[joint.type] or before.keypoints is not latest.keypoints
+        by = change / (joint.upper - joint.lower)
+        difference = abs(found.joint.openness - latest.joint.openness - by)
+        if joint.type == "revolute" or not has_moved or difference > max(AGREEING, AGREEING_SHARE * abs(by)):
+            return found
+        T = joint_motion(joint.type, joint.axis, change, joint.origin)
+        keypoints, deviations = dict(found.keypoints), dict(found.keypoint_deviations)
+        for name, old in before.keypoints.items():
+            moved = T[:3, :3] @ old + T[:3, 3] if name in before.moving_keypoints else old
+            doubt = float(np.hypot(before.keypoint_deviations[name], RELATIVE * np.linalg.norm(moved - old)))
+            if doubt < deviations[name]:
+                keypoints[name], deviations[name] = moved, doubt
+        return replace(found, keypoints=keypoints, keypoint_deviations=deviations)
 
 
 def at_points(found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
