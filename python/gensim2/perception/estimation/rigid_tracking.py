@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation.rigid import (
     LEAST_IN_CLUSTER,
@@ -290,11 +289,19 @@ def _registered(found: RigidEstimate, points: Array, *, turns: bool) -> RigidEst
         nearest = samples[tree.query(local)[1]]
         step = np.eye(4)
         if turns:
-            rotation, _ = Rotation.align_vectors(local - local.mean(axis=0), nearest - nearest.mean(axis=0))
-            step[:3, :3] = rotation.as_matrix()
+            step[:3, :3] = _rotation(nearest - nearest.mean(axis=0), local - local.mean(axis=0))
         step[:3, 3] = local.mean(axis=0) - step[:3, :3] @ nearest.mean(axis=0)
         T = T @ step
         if np.linalg.norm(step - np.eye(4)) < 1e-4:
             break
     local = (points - T[:3, 3]) @ T[:3, :3]
     return replace(found.at(T @ found.T_world_object), error=float(tree.query(local)[0].mean()))
+
+
+def _rotation(before: Array, after: Array) -> Array:
+    """Return the rotation (3, 3) that brings vectors (N, 3) nearest to other vectors (N, 3), in the sense of least
+    squares.
+    """
+    left, _, right = np.linalg.svd(after.T @ before)
+    handed = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    return np.asarray(left * handed @ right)
