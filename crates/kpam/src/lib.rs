@@ -70,7 +70,6 @@ mod default_limits;
 mod derivatives;
 mod error;
 mod fingers;
-mod free_space;
 pub mod grasp;
 mod hand_path;
 mod joint_map;

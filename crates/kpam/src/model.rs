@@ -346,3 +346,25 @@ impl Placed {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use gensim2_geometry::Robot;
+
+    use super::*;
+
+    #[test]
+    fn joints_count_by_how_far_they_move_the_arm() {
+        // A carriage with an arm 2 m long: one radian of the arm counts as much as two metres of the carriage.
+        let urdf = r#"<robot name="crane"><link name="base"/><link name="carriage"/>
+            <link name="arm"><collision><origin xyz="1 0 0"/><geometry><box size="2 0.02 0.02"/></geometry></collision></link>
+            <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+            <joint name="turn" type="revolute"><parent link="carriage"/><child link="arm"/><axis xyz="0 0 1"/>
+            <limit lower="-3" upper="3" effort="1" velocity="2"/></joint></robot>"#;
+        let robot = Robot::from_urdf_str(urdf, "crane.urdf", None, "arm", None).unwrap();
+        let model = Model::new(&robot, &[0.0, 0.0]).unwrap();
+        let [slid, turned, ..] = model.mean_levers(&robot);
+        assert!((slid - 1.0).abs() < 1e-12 && (turned - 2.0).abs() < 0.05, "{slid} {turned}");
+    }
+}

@@ -14,7 +14,9 @@ pub(crate) struct Ball {
 }
 
 /// Maximum number of spheres for one shape.
-const MAX_BALLS: usize = 20;
+pub(super) const MAX_BALLS: usize = 20;
+/// A shape is divided only if it may have at least this number of spheres.
+const WORTH: usize = 4;
 /// A sphere is not split if it extends beyond the shape by less than this (m).
 const SLOP: f64 = 0.004;
 /// Number of iterations of the algorithm that finds a smallest sphere around points (Badoiu and Clarkson).
@@ -125,8 +127,13 @@ fn clipped(polygon: &[Point3<f64>], axis: usize, at: f64, above: bool) -> Vec<Po
     out
 }
 
-/// Returns spheres that together contain a shape.
+/// Returns up to [`MAX_BALLS`] spheres that together contain a shape.
 pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
+    cover_by(shape, MAX_BALLS)
+}
+
+/// Returns up to `most` spheres that together contain a shape; a capsule may have more.
+pub(crate) fn cover_by(shape: &Convex, most: usize) -> Vec<Ball> {
     let points = shape.points();
     if let [a, b] = points {
         return along_segment(a, b, shape.radius());
@@ -135,7 +142,7 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
         return vec![Ball { center: *p, radius: shape.radius(), inner: shape.radius() }];
     }
     let whole = || vec![ball_around(points, shape.radius())];
-    if points.len() < 4 {
+    if points.len() < 4 || most < WORTH {
         return whole();
     }
     let Ok((vertices, triangles)) = parry3d_f64::transformation::try_convex_hull(points) else { return whole() };
@@ -155,7 +162,7 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
     let hull = Hull { faces, looks: directions(LOOKS) };
     let Some(first) = hull.cell(Aabb::around(&vertices, 0.0), surface) else { return whole() };
     let mut cells = vec![first];
-    while cells.len() < MAX_BALLS {
+    while cells.len() < most {
         let Some(worst) = (0..cells.len()).max_by(|a, b| cells[*a].slop.total_cmp(&cells[*b].slop)) else { break };
         if cells[worst].slop <= SLOP {
             break;

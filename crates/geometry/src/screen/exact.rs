@@ -6,7 +6,7 @@ use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Vector3;
 
 use super::points::PointGrid;
-use super::solid::{Points, Solid};
+use super::solid::{Obstacle, Points};
 use crate::distance::{Reach, keeps_apart};
 use crate::{Aabb, Contact, Convex, Corners, Pose, signed_distance};
 
@@ -19,14 +19,14 @@ pub(super) struct Piece {
     shape: Convex,
     corners: Corners,
     bounds: Aabb,
-    /// Faces of the part, used for the distance of points.
-    solid: Solid,
+    /// The part in a form for the distance of points.
+    solid: Obstacle,
 }
 
 impl Piece {
     pub fn of(shape: Convex) -> Self {
         let (corners, bounds) = (Corners::of(shape.points()), shape.aabb_at(&Pose::identity()));
-        Self { solid: Solid::of(&shape), corners, bounds, shape }
+        Self { solid: Obstacle::new(shape.clone()), corners, bounds, shape }
     }
 
     /// Returns the vertices of the box around some pieces, in their link's frame; all at the origin without pieces.
@@ -284,10 +284,11 @@ impl Wide for Gather<'_> {
         let t = back.translation.vector.cast::<f32>();
         // Single precision is only used to exclude points that are certainly further away.
         let limit = F32x8::splat((within + ROUGH) as f32);
+        let solid = piece.solid.hull().unwrap_or(&piece.solid.first);
         cloud.within(&piece.shape.aabb_at(pose).grown(within), |points: &Points, first: u32| {
             let here = [0, 1, 2]
                 .map(|i| points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + F32x8::splat(t[i]));
-            let bounds = piece.solid.distance(&here);
+            let bounds = solid.distance(&here);
             if super::survey::all_at_least(bounds, limit) {
                 return;
             }

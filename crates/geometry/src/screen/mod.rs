@@ -17,7 +17,7 @@ use crate::lanes::F32x8;
 use nalgebra::{Point3, Vector3};
 
 use crate::{Bvh, Contact, Convex, JointKind, Pose, Robot};
-use cover::{Ball, cover};
+use cover::{Ball, MAX_BALLS, cover_by};
 pub use exact::Measure;
 use exact::Piece;
 pub use links::Cover;
@@ -26,7 +26,7 @@ use points::{Element, PointGrid};
 pub use posing::{Frames, Posing};
 use reach::Region;
 pub use solid::Points;
-use solid::{ROUNDING, Solid};
+use solid::{Obstacle, ROUNDING};
 use survey::all_at_least;
 
 /// Number of configurations screened at once.
@@ -36,6 +36,8 @@ const TREE: usize = 20;
 /// If a group stays further than this (m) from an obstacle at all joint values, the obstacle is skipped for this group,
 /// unless a larger distance is required.
 const CULL: f64 = 0.2;
+/// Approximate number of spheres that cover a held body. Many spheres take longer to compute than most plans.
+const HELD_BALLS: usize = 40;
 /// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
 /// Cloud points more than this distance (m) beyond the robot's reach get a separate grid, so that stray points neither
@@ -119,9 +121,7 @@ pub struct Screen {
     revolute: Vec<bool>,
     groups: Vec<Cluster>,
     balls: Vec<Sphere>,
-    solids: Vec<Solid>,
-    /// For each solid, the maximum amount (m) by which its true distance exceeds the lower bound.
-    looseness: Vec<f32>,
+    solids: Vec<Obstacle>,
     body_of: Vec<usize>,
     tree: Option<Bvh>,
     /// For each group, the obstacles that it can approach to [`CULL`] or less while no prismatic joint exceeds its
@@ -199,7 +199,8 @@ impl Screen {
                     cover_of.around.get(group.link).copied().flatten()
                 }
                 Some((shapes, pose)) => {
-                    let own: Vec<Ball> = shapes.iter().map(|s| s.moved(pose)).flat_map(|s| cover(&s)).collect();
+                    let most = (HELD_BALLS / shapes.len().max(1)).clamp(1, MAX_BALLS);
+                    let own: Vec<Ball> = shapes.iter().flat_map(|s| cover_by(&s.moved(pose), most)).collect();
                     balls.extend(own.iter().map(|b| Sphere::of(b, slack)));
                     around(&own)
                 }
@@ -229,7 +230,6 @@ impl Screen {
             groups: clusters,
             balls,
             solids: Vec::new(),
-            looseness: Vec::new(),
             body_of: Vec::new(),
             tree: None,
             reachable: Vec::new(),
@@ -268,11 +268,9 @@ impl Screen {
             for shape in others {
                 let placed = shape.moved(pose);
                 boxes.push(placed.aabb_at(&Pose::identity()));
-                let solid = Solid::of(&placed);
-                out.looseness.push(solid.looseness(&placed));
-                out.solids.push(solid);
                 out.body_of.push(body);
                 out.measure.add(&placed);
+                out.solids.push(Obstacle::new(placed));
             }
         }
         // Joint values are compared with `travels` in single precision, so the regions allow for rounding.
@@ -282,7 +280,7 @@ impl Screen {
             let (center, radius) = region.ball();
             let place = [center.x, center.y, center.z].map(|v| F32x8::splat(v as f32));
             let far = (radius + f64::from(cluster.around.radius) + CULL + slack) as f32;
-            let is_near = |solid: &Solid| !all_at_least(solid.distance(&place), F32x8::splat(far));
+            let is_near = |solid: &Obstacle| !all_at_least(solid.first.distance(&place), F32x8::splat(far));
             (0..).zip(&out.solids).filter(|(_, solid)| is_near(solid)).map(|(e, _)| e).collect()
         };
         out.reachable = out.groups.iter().map(near).collect();

@@ -1,10 +1,12 @@
 //! Lower bounds of the distance between points and convex obstacles, for eight points at a time.
 
+use std::sync::OnceLock;
+
 use crate::lanes::F32x8;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::Sphere;
-use crate::Convex;
+use crate::{Aabb, Convex, Pose};
 
 /// Maximum number of faces by which a hull is represented.
 const MAX_FACES: usize = 28;
@@ -49,27 +51,29 @@ pub(crate) fn length(v: &Points) -> F32x8 {
 }
 
 impl Solid {
-    /// Returns the form that fits a shape (base frame) most tightly.
-    pub fn of(shape: &Convex) -> Self {
-        let points = shape.points();
-        let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
-        // The enlarged radius keeps the shape inside despite rounding to single precision.
-        let radius = (shape.radius() + ROUNDING * size) as f32;
+    /// Returns the form of a shape (base frame) that is a box, a cylinder or a capsule.
+    fn simple(shape: &Convex) -> Option<Self> {
+        let (points, radius) = (shape.points(), enlarged(shape));
         match points {
-            [p] => return Self::Capsule { end: single(&p.coords), axis: [1.0, 0.0, 0.0], length: 0.0, radius },
+            [p] => Some(Self::Capsule { end: single(&p.coords), axis: [1.0, 0.0, 0.0], length: 0.0, radius }),
             [a, b] => {
                 let way = b - a;
                 let axis = way.try_normalize(1e-12).unwrap_or_else(Vector3::x);
-                return Self::Capsule {
-                    end: single(&a.coords),
-                    axis: single(&axis),
-                    length: way.norm() as f32,
-                    radius,
-                };
+                Some(Self::Capsule { end: single(&a.coords), axis: single(&axis), length: way.norm() as f32, radius })
             }
-            _ => {}
+            _ => cuboid(points, radius).or_else(|| cylinder(points, radius)),
         }
-        cuboid(points, radius).or_else(|| cylinder(points, radius)).unwrap_or_else(|| hull(points, radius))
+    }
+
+    /// Returns the box of a shape (base frame) along the axes of the base.
+    fn box_around(shape: &Convex) -> Self {
+        let Aabb { min, max } = shape.aabb_at(&Pose::identity());
+        Self::Cuboid {
+            center: single(&nalgebra::center(&min, &max).coords),
+            axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            half: single(&(0.5 * (max - min))),
+            radius: enlarged(shape) - shape.radius() as f32,
+        }
     }
 
     /// Lower bound of the distance (m) from each point to the obstacle.
@@ -120,6 +124,41 @@ impl Solid {
             }
             Self::Hull { .. } => f32::INFINITY,
         }
+    }
+}
+
+/// Returns the radius of a shape, enlarged so that the shape stays inside despite rounding to single precision.
+fn enlarged(shape: &Convex) -> f32 {
+    let size = shape.points().iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
+    (shape.radius() + ROUNDING * size) as f32
+}
+
+/// A convex obstacle. The faces of a hull are computed when a robot first comes close to its box, because this takes
+/// longer than most plans need.
+#[derive(Debug, Clone)]
+pub(crate) struct Obstacle {
+    /// The obstacle, or the box around a hull.
+    pub first: Solid,
+    hull: Option<(Convex, OnceLock<Solid>)>,
+    /// Maximum amount (m) by which the true distance exceeds the lower bound.
+    pub looseness: f32,
+}
+
+impl Obstacle {
+    /// Prepares a shape (base frame).
+    pub fn new(shape: Convex) -> Self {
+        match Solid::simple(&shape) {
+            Some(first) => Self { looseness: first.looseness(&shape), first, hull: None },
+            None => {
+                let first = Solid::box_around(&shape);
+                Self { first, hull: Some((shape, OnceLock::new())), looseness: f32::INFINITY }
+            }
+        }
+    }
+
+    /// Returns the faces of a hull; `None` for another shape.
+    pub fn hull(&self) -> Option<&Solid> {
+        self.hull.as_ref().map(|(shape, faces)| faces.get_or_init(|| hull(shape.points(), enlarged(shape))))
     }
 }
 

@@ -186,11 +186,18 @@ impl Screen {
         if need == f64::NEG_INFINITY {
             return true;
         }
-        let (solid, cluster, need) = (&self.solids[e], &self.groups[group], need as f32);
+        let (obstacle, cluster, need) = (&self.solids[e], &self.groups[group], need as f32);
         let limit = F32x8::splat(reach + need);
-        let coarse = solid.distance(&batch.around[group]) - F32x8::splat(cluster.around.radius);
+        let radius = F32x8::splat(cluster.around.radius);
+        let (mut solid, mut coarse) = (&obstacle.first, obstacle.first.distance(&batch.around[group]) - radius);
         if all_at_least(coarse, limit) {
             return true;
+        }
+        if let Some(hull) = obstacle.hull() {
+            (solid, coarse) = (hull, hull.distance(&batch.around[group]) - radius);
+            if all_at_least(coarse, limit) {
+                return true;
+            }
         }
         self.ensure(group, batch);
         let own = cluster.balls.clone();
@@ -200,7 +207,7 @@ impl Screen {
         if all_at_least(bound, limit) {
             return true;
         }
-        let max_gap = (inner + F32x8::splat(self.looseness[e] - need)).to_array();
+        let max_gap = (inner + F32x8::splat(obstacle.looseness - need)).to_array();
         visit(&Suspect { group, other: Other::Element(e), gap: (bound - F32x8::splat(need)).to_array(), max_gap })
     }
 

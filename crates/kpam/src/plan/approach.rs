@@ -1,21 +1,18 @@
 //! The collision-free motion from the start to the first keyframe.
 
+use super::connect::{NoWay, way_out};
 use super::emitted::{OFF, Samples};
 use super::planner::{PAD, Planner};
-use crate::free_space::{self, NoWay, Sampling};
 use crate::model::{Model, Row};
 use crate::timing::{Spline, rounded};
+use crate::transit::{Field, Rounding};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
 /// Additional clearance (m) in the search for free motions, because rounding the corners may reduce it.
 const CURVED: f64 = 1e-3;
-/// Distances (rad or m) between waypoints of the smooth free motion, tried in this order, and near its ends.
-const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
-pub(super) const WIDE: f64 = 0.5;
-pub(super) const NEAR: f64 = 0.04;
-/// After this number of consecutive searches in which no sample could be connected to the start, the search for a free
-/// motion is given up.
-const BOXED_IN: usize = 3;
+/// Distances (rad or m) between waypoints of a straight free motion, and near the ends of a free motion.
+const WIDE: f64 = 0.5;
+const NEAR: f64 = 0.04;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
@@ -28,6 +25,7 @@ pub(super) struct Approach {
     /// A collision of the motion, if the options permit collisions.
     pub hit: Option<Hit>,
 }
+
 impl Planner<'_> {
     /// Searches a collision-free motion from the start to the first keyframe.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
@@ -70,28 +68,41 @@ impl Planner<'_> {
                 return Ok(Approach { pieces, corners, kept, hit: None });
             }
         }
-        let corners = match self.connect(&begin, goal, segment, &wide, samples) {
+        let paths = match self.connect(&begin, goal, segment, &wide, samples) {
             // A motion with stops at its corners needs no extra clearance.
             Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
-            Ok(corners) => corners,
+            Ok(paths) => paths,
         };
+        let corners = &paths[0];
         let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
         if corners.len() == 2 {
             return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
         }
-        match self.rounded(&corners, segment, &curved) {
+        match paths.iter().find_map(|path| self.rounded(path, segment, &curved)) {
             Some(curve) => pieces.push(curve),
             None => pieces.extend(corners.windows(2).map(straight)),
         }
         Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
-    /// Returns a collision-free smooth curve near the corners, trying smaller and smaller waypoint spacings.
+    /// Returns waypoints of a collision-free smooth curve near the corners, as wide as obstacles permit at each corner.
     fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
-        SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
-            curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), segment, margins)
-        })
+        let needs = self.world.required(self.scene.compiled(), segment, margins);
+        let mut field = Field::new(&self.scene, self.model, needs, self.world.ending());
+        let mut rounding = Rounding::new(corners);
+        let mut found = None;
+        while let Some((_, waypoints, _)) = rounding.next(&mut field, n, self.model) {
+            // The waypoints are closer to each other at both ends.
+            let curve = rounded(n, &waypoints, f64::INFINITY, NEAR);
+            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &curve, None), segment, margins) {
+                found = Some(curve);
+                break;
+            }
+            rounding.tighten();
+        }
+        self.world.spend(field.checks);
+        found
     }
 
     /// Returns the minimum distances between bodies for the free motion between two poses. `parted` tells whether
@@ -129,27 +140,6 @@ impl Planner<'_> {
         Samples::of(&stop, self.model.n(), [stop.start(), stop.end()], OFF, &self.over)
     }
 
-    /// Searches a collision-free path between two joint vectors that keeps `margins`, and returns its vertices.
-    fn connect(
-        &mut self,
-        from: &Row,
-        to: &Row,
-        segment: MotionSegment,
-        margins: &Margins,
-        samples: usize,
-    ) -> Result<Vec<Row>, NoWay> {
-        // After several poses without any sample connected to the start, searches for other poses would fail too.
-        let max_samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
-        let sampling = Sampling { max_samples, seed: self.problem.options.seed };
-        let found = free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling);
-        match found {
-            Err(NoWay::BoxedIn(_)) => self.boxed_in += 1,
-            Err(NoWay::NotFound(_)) if max_samples > 0 => self.boxed_in = 0,
-            Ok(_) | Err(_) => {}
-        }
-        found
-    }
-
     /// Returns a nearby collision-free pose for a start at which the robot overlaps a body; `None` if no pose is found.
     fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
         if self.world.start_overlap <= TOUCH {
@@ -158,7 +148,7 @@ impl Planner<'_> {
         if self.exit.is_none() {
             let kept = self.margins(start, start, segment, self.margin, false);
             let seed = self.problem.options.seed;
-            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, segment, &kept, seed));
+            self.exit = Some(way_out(&mut self.world, self.model, start, segment, &kept, seed));
         }
         self.exit.flatten()
     }

@@ -1,10 +1,10 @@
 //! Planning of the motion through all keyframes for one candidate of the actuation pose.
 
 use super::approach::Approach;
+use super::connect::NoWay;
 use super::failure::Failure;
 use super::planner::{PAD, Planner};
 use super::timed::Timed;
-use crate::free_space::NoWay;
 use crate::model::Row;
 use crate::motion::Motions;
 use crate::world::{Hit, Margins, Way};

@@ -2,6 +2,7 @@
 
 mod approach;
 mod attempt;
+mod connect;
 mod emitted;
 mod failure;
 mod follow;

@@ -14,7 +14,7 @@ use crate::options::Timing;
 use crate::resolve::Resolved;
 use crate::timing::{Builder, CannotStop, Dynamics, Limits, Method, Node, can_stop, stop};
 use crate::world::{Hit, State, World};
-use crate::{Cancel, KeypointProblem};
+use crate::{Cancel, KeypointProblem, Scene};
 
 pub(super) struct Planner<'p> {
     pub problem: &'p KeypointProblem,
@@ -24,6 +24,8 @@ pub(super) struct Planner<'p> {
     /// Flag that ends planning, also when its time is up.
     pub over: Cancel,
     pub world: World<'p>,
+    /// The scene of the problem, prepared for fast checks on first use.
+    pub scene: Scene,
     /// Joint positions, velocities and accelerations at the start.
     pub start: [Row; 3],
     /// Nodes of the motion that brakes to rest from a moving start; planning begins where it ends. Empty at rest.
@@ -95,6 +97,7 @@ impl<'p> Planner<'p> {
             follower: Follower::new(&problem.robot, model, over.clone()),
             over,
             world,
+            scene: problem.scene(),
             start,
             stop: stopping,
             margin: options.margin,

@@ -15,7 +15,7 @@ use crate::model::Row;
 use crate::world::State;
 
 /// Number of samples per pose in the first round. The full number is used only if all poses fail.
-const FIRST_SAMPLES: usize = 150;
+const FIRST_SAMPLES: usize = 500;
 /// Number of poses that get the full number of samples.
 const SECOND_CHANCES: usize = 4;
 

@@ -191,7 +191,7 @@ impl Servo {
         })?;
         let world = self.scene.compiled();
         let margin = self.options.margin;
-        let close = world.close(&self.scene, model.map().rest(), margin + TOUCH, |joint| model.map().moves(joint));
+        let close = world.close(&self.scene, model.map().rest(), margin + TOUCH, model.map());
         if let Some((group, other, distance)) = close.iter().find(|c| c.2 < -CONTACT) {
             let [one, two] = world.named(&self.scene, *group, *other);
             let message = format!(
@@ -208,7 +208,7 @@ impl Servo {
                 *need = need.min(distance - TOUCH);
             }
         }
-        world.leave_out_still(&mut needs, |joint| model.map().moves(joint));
+        world.leave_out_still(&mut needs, model.map());
         let limits = self.limits.admitting(&x, &velocity, &acceleration);
         let joints: Vec<JointLimits> = (0..model.n())
             .map(|v| JointLimits {

@@ -113,6 +113,13 @@ impl Limits {
             && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
     }
 
+    /// Returns the time per unit (s) that each joint takes at its highest speed, the weights of a path's length in time.
+    pub(crate) fn pace(&self) -> Row {
+        let mut out = [0.0; MAX_JOINTS];
+        (0..self.joints).for_each(|v| out[v] = 1.0 / self.velocity[v].min(1e3));
+        out
+    }
+
     /// Returns the number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {

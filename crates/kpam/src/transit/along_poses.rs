@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use gensim2_geometry::{Chain, Draws, Needs, Other, Pose};
+use gensim2_geometry::{Chain, Draws, Other, Pose};
 use nalgebra::Vector3;
 
 use super::field::Field;
@@ -13,7 +13,7 @@ use crate::hand_path::{Follower, left};
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::motion::HandPath;
 use crate::timing::Spline;
-use crate::world::{CONTACT, is_below};
+use crate::world::{CONTACT, Required, is_below};
 use crate::{ProblemError, Scene, Trajectory};
 
 /// Maximum number of poses.
@@ -266,8 +266,9 @@ impl Transit<'_> {
         let at_end = self.close_apart(&rows[last], second);
         let mut needs =
             self.scene.compiled().needs_beside(self.scene.robot(), at_start.iter().chain(&at_end), margin, margin);
-        self.scene.compiled().leave_out_still(&mut needs, |joint| self.model.map().moves(joint));
+        self.scene.compiled().leave_out_still(&mut needs, self.model.map());
         second.iter().flat_map(|s| &s.held).for_each(|pair| needs.pairs[*pair] = f64::NEG_INFINITY);
+        let needs = Required::from(needs);
         let mut field = Field::new(self.scene, self.model, needs.clone(), self.ending.clone());
         let blocked = at_end.iter().any(|c| c.2 < -CONTACT).then_some(last);
         let first_blocked =
@@ -351,9 +352,9 @@ impl Transit<'_> {
         })
     }
 
-    fn blocked(&self, pose: usize, x: &Row, needs: &Needs, second: Option<&Second>) -> NoMotion {
+    fn blocked(&self, pose: usize, x: &Row, needs: &Required, second: Option<&Second>) -> NoMotion {
         let close = self.close_apart(x, second);
-        let spare = |c: &(usize, Other, f64)| c.2 - self.scene.compiled().screen.needed(needs, c.0, c.1);
+        let spare = |c: &(usize, Other, f64)| c.2 - needs.of(&self.scene.compiled().screen, c.0, c.1);
         match close.iter().min_by(|a, b| spare(a).total_cmp(&spare(b))) {
             Some(near) => NoMotion::PathBlocked { pose, pair: self.approached(near) },
             None => NoMotion::NotFound(None),

@@ -182,7 +182,7 @@ mod tests {
         let model = Model::new(&robot, &[0.0; 5]).unwrap();
         let limits = Limits::asked(&model, &TransitOptions::default().limits());
         let world = scene.compiled();
-        let needs = world.needs(0.0);
+        let needs = world.needs(0.0).into();
         let mut draws = Draws::of(1, 2);
         let (mut poses, mut q) = (Vec::new(), Vec::new());
         let mut tightest: f64 = 0.0;

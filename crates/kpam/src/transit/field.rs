@@ -3,17 +3,18 @@
 
 use std::time::Instant;
 
-use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Suspect};
+use gensim2_geometry::{Batch, LANES, Other, Pose, Suspect};
 
 use super::NoMotion;
 use super::path::Along;
 use crate::model::{MAX_JOINTS, Model, Row};
-use crate::world::Compiled;
+use crate::world::{Compiled, Required};
 use crate::{Cancel, Scene};
 
 /// Distance (m) between neighbouring checked configurations of an edge; each variable is multiplied by its weight.
-pub(super) const RESOLUTION: f64 = 0.05;
-
+const RESOLUTION: f64 = 0.05;
+/// Maximum factor by which failed proofs refine the checks of edges.
+const FINEST: f64 = 8.0;
 /// Factor by which the edges of a final path are checked more densely than those of the search.
 const FINER: f64 = 2.0;
 
@@ -25,7 +26,7 @@ const DEEP: f32 = -0.02;
 
 /// Conditions that end a search early.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Ending {
+pub(crate) struct Ending {
     pub cancel: Option<Cancel>,
     pub deadline: Option<Instant>,
     pub max_checks: Option<u64>,
@@ -42,17 +43,17 @@ impl Ending {
 }
 
 /// A scene prepared for one search.
-pub(super) struct Field<'s> {
+pub(crate) struct Field<'s> {
     pub scene: &'s Scene,
     pub world: &'s Compiled,
     pub model: &'s Model,
     /// Required distance of each checked pair.
-    pub needs: Needs,
+    pub needs: Required,
     /// Weight of each variable in lengths: mean displacement (m) of the robot's furthest point per unit.
     pub weights: Row,
     pub resolution: f64,
     /// Path constraints.
-    pub along: Option<Along>,
+    pub(super) along: Option<Along>,
     /// Number of configurations checked so far.
     pub checks: u64,
     ending: Ending,
@@ -66,7 +67,7 @@ pub(super) struct Field<'s> {
 }
 
 impl<'s> Field<'s> {
-    pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: Required, ending: Ending) -> Self {
         let world = scene.compiled();
         let mut batch = Batch::default();
         (0..LANES).for_each(|lane| batch.set(&world.screen, lane, model.map().rest()));
@@ -92,6 +93,11 @@ impl<'s> Field<'s> {
     /// Returns whether the search must end because it was cancelled, is late, or has used up its checks.
     pub fn is_over(&self) -> bool {
         self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.ending.reason().is_some()
+    }
+
+    /// Checks edges twice as densely from now on, because the checks have missed an obstacle.
+    pub fn refine(&mut self) {
+        self.resolution = (0.5 * self.resolution).max(RESOLUTION / FINEST);
     }
 
     /// Moves a configuration so that it meets the path constraints; returns whether that is possible.
@@ -129,18 +135,20 @@ impl<'s> Field<'s> {
                 Compiled::poses(scene, q, poses);
                 posed = lane;
             }
-            world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
+            world.screen.keeps(s.group, s.other, poses, needs.of(&world.screen, s.group, s.other))
         };
         // Finds a lane in which a pair is certainly too close. A pair that probably overlaps deeply is measured.
         let mut struck = |s: &Suspect| {
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
+            // The upper bound of the gap is valid for pairs that may not overlap.
+            let is_apart = needs.of(&world.screen, s.group, s.other) >= 0.0;
             (0..count)
-                .find(|lane| s.max_gap[*lane] < 0.0)
+                .find(|lane| is_apart && s.max_gap[*lane] < 0.0)
                 .or_else(|| (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest))
         };
         let mut hit = None;
         for k in 0..latest.len() {
-            world.screen.look_at(batch, needs, latest[k], 0.0, |s| {
+            world.screen.look_at(batch, needs.screened(), latest[k], 0.0, |s| {
                 hit = struck(s);
                 suspects.push(*s);
                 true
@@ -151,7 +159,7 @@ impl<'s> Field<'s> {
             }
         }
         let mut by = None;
-        world.screen.survey(batch, needs, 0.0, |s| {
+        world.screen.survey(batch, needs.screened(), 0.0, |s| {
             hit = struck(s);
             by = Some((s.group, s.other));
             suspects.push(*s);

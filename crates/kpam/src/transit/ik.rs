@@ -224,8 +224,8 @@ impl<'a> Ask<'a> {
         let mut search = Search::<D>::new(targets, model, searched);
         let mut field = self.margin.map(|margin| {
             let mut needs = scene.compiled().needs_at_least(scene.robot(), margin);
-            scene.compiled().leave_out_still(&mut needs, |joint| model.map().moves(joint));
-            Field::new(scene, model, needs, Ending::default())
+            scene.compiled().leave_out_still(&mut needs, model.map());
+            Field::new(scene, model, needs.into(), Ending::default())
         });
         let mut draws = Draws::of(0x696b_696b, self.seed);
         let start = model.start();

@@ -8,6 +8,7 @@ mod goal;
 mod ik;
 mod moving;
 mod path;
+mod paths;
 mod question;
 mod rounding;
 mod shorten;
@@ -16,7 +17,7 @@ mod tree;
 
 use std::time::Instant;
 
-use gensim2_geometry::{Needs, Other};
+use gensim2_geometry::Other;
 
 use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
@@ -24,36 +25,28 @@ use crate::error::finite;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::parallel::in_parallel;
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
-use crate::world::{CONTACT, Close};
+use crate::world::{CONTACT, Close, Required};
 use crate::{Cancel, Overload, ProblemError, Scene, Trajectory};
 
 pub use along_poses::{PathTolerance, plan_along};
-use field::{Ending, Field, RESOLUTION};
+pub(crate) use field::{Ending, Field};
 pub use goal::Goal;
 pub(crate) use goal::check_others;
 pub use ik::{IkOptions, MAX_SOLUTIONS, solutions};
 use moving::State;
 use path::Along;
+pub(crate) use paths::Searches;
 pub use question::{Approached, Motion, NoMotion, TransitOptions};
-use rounding::Rounding;
+pub(crate) use rounding::Rounding;
+pub(crate) use shorten::effort;
 use sweep::Sweep;
-use tree::Manner;
 
 /// Clearance (m) that the search keeps in addition to the margin, because rounded corners may come closer to obstacles.
 const CURVED: f64 = 1e-3;
 /// Tolerance of joint values (rad or m) for rounding.
 const SLACK: f64 = 1e-6;
-/// Maximum number of searches for one motion.
-const TRIES: usize = 200;
-/// Number of samples of the shortest search. Search times have a heavy tail, so many short searches with occasional
-/// longer ones succeed where one long search fails (Luby, Sinclair and Zuckerman, 1993).
-const SHORTEST: usize = 1000;
-/// Number of samples of the first search, which is plain rather than thorough and solves most problems.
-const PLAIN: usize = 250;
 /// Number of parts of an edge at whose ends the torques that hold the robot are computed, to explain a failure.
 const STRAINED: u32 = 20;
-/// Maximum factor by which failed searches refine the checks of edges.
-const FINEST: f64 = 8.0;
 
 /// Plans a motion from `q_start` (one entry per joint) that ends at rest at whichever goal is easiest to reach. Joints
 /// that are not planned keep their values, and goals must contain the same values. The motion begins at rest, or
@@ -246,17 +239,12 @@ impl Transit<'_> {
         if let (true, Some(first)) = (open.is_empty(), overload) {
             return Err(NoMotion::Overloaded(first, "at the goal".to_owned()));
         }
-        let limits = &self.limits;
-        let mut pace = [0.0; MAX_JOINTS];
-        for v in 0..self.model.n() {
-            pace[v] = 1.0 / limits.velocity[v].min(1e3);
-        }
-        let moves = |joint: usize| self.model.map().moves(joint);
+        let pace = self.limits.pace();
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
         let nearer = |closes: &[&Close], clearance: f64| {
             let mut needs = world.needs_beside(robot, closes.iter().copied().flatten(), clearance, margin);
-            world.leave_out_still(&mut needs, moves);
-            needs
+            world.leave_out_still(&mut needs, self.model.map());
+            Required::from(needs)
         };
         let goals: Vec<Row> = open.iter().map(|g| g.1).collect();
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
@@ -278,31 +266,19 @@ impl Transit<'_> {
             }
         }
         let begin = self.beginning(&mut field);
-        let (mut left, mut breach, mut strained) = (self.options.samples, None, None);
-        for attempt in 0..TRIES {
-            let (samples, manner) = match attempt {
-                0 => (left.min(PLAIN), Manner::Plain),
-                _ => (left.min(SHORTEST * luby(attempt)), Manner::Thorough),
-            };
-            let seed = self.options.seed + attempt;
-            let Some(mut path) = tree::search(&mut field, &begin, &goals, samples, seed, manner) else {
-                left -= samples;
-                if left == 0 || field.is_over() {
-                    break;
-                }
+        let (mut breach, mut strained) = (None, None);
+        let mut searches = Searches::new(self.options.samples, self.options.seed);
+        while let Some(found) = searches.next(&mut field, &begin, &goals, &pace) {
+            let Ok(paths) = found else {
                 // After a failed search, reduce the clearance that is kept in addition to the margin.
                 field.needs = nearer(&all, margin + 0.2 * CURVED);
                 continue;
             };
-            let last = path[path.len() - 1];
-            let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
-            shorten::shorten(&mut field, &mut path, &pace, seed);
-            // Try the tightened path first. The path before tightening is the fallback if no motion is found along it.
-            let taut = shorten::tauten(&mut field, &path, &pace);
-            for path in taut.iter().chain(std::iter::once(&path)) {
+            for path in &paths {
                 if !field.is_way_free(path) {
                     continue;
                 }
+                let Some((number, _, close)) = open.iter().find(|g| path.last() == Some(&g.1)) else { continue };
                 let needs = nearer(&[&at_start, close], margin);
                 let timed = match self.is_moving {
                     true => self.blended(&mut field, path, &needs),
@@ -316,10 +292,7 @@ impl Transit<'_> {
                     }
                 }
             }
-            if field.is_over() {
-                break;
-            }
-            field.resolution = (0.5 * field.resolution).max(RESOLUTION / FINEST);
+            field.refine();
         }
         Err(self.ending.reason().unwrap_or(match breach {
             Some(Stuck::Untimed) => strained.unwrap_or(NoMotion::Untimed),
@@ -390,8 +363,7 @@ impl Transit<'_> {
 
     /// Returns all pairs closer than the margin at a configuration that the motion can bring closer.
     fn close(&self, x: &Row) -> Close {
-        let moves = |joint: usize| self.model.map().moves(joint);
-        self.scene.compiled().close(self.scene, &self.full(x), self.options.margin + CURVED, moves)
+        self.scene.compiled().close(self.scene, &self.full(x), self.options.margin + CURVED, self.model.map())
     }
 
     /// Returns the configuration at which a search begins: where a moving arm would stop, or the start.
@@ -404,7 +376,7 @@ impl Transit<'_> {
         }
     }
 
-    fn sweep<'s>(&'s self, needs: &'s Needs, field: &Field<'_>) -> Sweep<'s> {
+    fn sweep<'s>(&'s self, needs: &'s Required, field: &Field<'_>) -> Sweep<'s> {
         Sweep::new(self.scene, self.model, needs, field.weights, &self.over)
     }
 
@@ -426,7 +398,7 @@ impl Transit<'_> {
 
     /// Returns a motion along a path. Its corners are rounded as widely as possible; if this fails, the motion stops at
     /// each corner. Returns the obstacle if neither motion is collision-free.
-    fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
+    fn timed(&self, field: &mut Field<'_>, corners: &[Row], needs: &Required) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
         let rest = [0.0; MAX_JOINTS];
@@ -457,12 +429,6 @@ impl Transit<'_> {
     }
 }
 
-/// Returns element `i`, from 1, of the Luby sequence 1, 1, 2, 1, 1, 2, 4, 1, ...
-fn luby(i: usize) -> usize {
-    let size = (i + 1).next_power_of_two();
-    if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
-}
-
 /// Returns an error if variables exceed their limits by more than rounding.
 pub(crate) fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
     for v in 0..model.n() {
@@ -473,15 +439,4 @@ pub(crate) fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), P
         }
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::luby;
-
-    #[test]
-    fn restarts_are_lubys() {
-        let first: Vec<usize> = (1..=15).map(luby).collect();
-        assert_eq!(first, [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8]);
-    }
 }

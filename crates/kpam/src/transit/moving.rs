@@ -1,8 +1,6 @@
 //! Motions of an arm that is already moving: the fastest motion to each goal, the rest of the current motion, and paths
 //! around obstacles.
 
-use gensim2_geometry::Needs;
-
 use super::field::Field;
 use super::rounding::Rounding;
 use super::sweep::Sweep;
@@ -11,6 +9,7 @@ use super::{Close, Stuck, Transit, shorten};
 use crate::Trajectory;
 use crate::model::{MAX_JOINTS, Row};
 use crate::timing::{Blend, Builder, Node, Spline, distance, gone_over, keeps, to_rest, to_state};
+use crate::world::Required;
 
 /// Two states count as equal if no value or rate of a joint differs by more than this (rad or m; per second).
 const SAME: f64 = 1e-6;
@@ -67,7 +66,7 @@ impl Transit<'_> {
         &self,
         field: &mut Field<'_>,
         open: &[(usize, Row, Close)],
-        needs: impl Fn(&Close) -> Needs,
+        needs: impl Fn(&Close) -> Required,
     ) -> Option<(Trajectory, usize)> {
         let mut found: Vec<(f64, Trajectory, usize)> = Vec::new();
         if let Some(rest) = self.going_on() {
@@ -101,7 +100,7 @@ impl Transit<'_> {
         field: &mut Field<'_>,
         goals: &[Row],
         pace: &Row,
-        needs: impl Fn(&Row) -> Option<Needs>,
+        needs: impl Fn(&Row) -> Option<Required>,
     ) -> Option<(Trajectory, Vec<Row>)> {
         let mut ways: Vec<(f64, Vec<Row>)> = Vec::new();
         let first = field.checks;
@@ -112,7 +111,7 @@ impl Transit<'_> {
             let manner = if attempt == 0 { Manner::Plain } else { Manner::Thorough };
             let seed = self.options.seed + attempt;
             let samples = self.options.samples.min(SAMPLES);
-            let Some(mut way) = tree::search(field, &self.state[0], goals, samples, seed, manner) else { continue };
+            let Ok(mut way) = tree::search(field, &self.state[0], goals, samples, seed, manner) else { continue };
             shorten::shorten(field, &mut way, pace, seed);
             if let Some(taut) = shorten::tauten(field, &way, pace) {
                 way = taut;
@@ -147,7 +146,7 @@ impl Transit<'_> {
 
     /// Returns a collision-free motion that joins the motion along `corners`, which starts at rest, while that motion
     /// is in progress. The candidate that ends first is preferred.
-    fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
+    fn going_over(&self, field: &mut Field<'_>, corners: &[Row], needs: &Required) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
         let mut stuck = Stuck::Untimed;
@@ -219,7 +218,12 @@ impl Transit<'_> {
     /// Returns the motion from a moving start along corners: first to a position on the first edge, then along a
     /// rounded curve, which begins while the first motion still brakes. If no such motion is collision-free, the
     /// returned motion stops at every corner.
-    pub(super) fn blended(&self, field: &mut Field<'_>, corners: &[Row], needs: &Needs) -> Result<Trajectory, Stuck> {
+    pub(super) fn blended(
+        &self,
+        field: &mut Field<'_>,
+        corners: &[Row],
+        needs: &Required,
+    ) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut sweep = self.sweep(needs, field);
         let mut stuck = Stuck::Untimed;

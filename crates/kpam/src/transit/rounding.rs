@@ -12,7 +12,7 @@ const TIGHTEST: f64 = 0.02;
 const LOOKS: f64 = 0.05;
 
 /// A sequence of curves along a path, each tighter than the previous one.
-pub(super) struct Rounding<'c> {
+pub(crate) struct Rounding<'c> {
     corners: &'c [Row],
     /// Distance between neighbouring waypoints of each edge (rad or m).
     spacing: Vec<f64>,

@@ -17,7 +17,7 @@ const SAVES: f64 = 0.002;
 
 /// Returns the length of a straight edge, measured in seconds: the minimum time of each joint, combined as the root of
 /// the sum of squares.
-pub(super) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
+pub(crate) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
     (0..n).map(|v| ((b[v] - a[v]) * pace[v]).powi(2)).sum::<f64>().sqrt()
 }
 

@@ -1,11 +1,11 @@
 //! Proves that a timed motion keeps its required distances. Between two checked configurations, nothing may move
 //! further than the gaps at both allow. If this is not certain, a configuration between them is checked, too.
 
-use gensim2_geometry::{Batch, JointKind, LANES, Needs, Pose, Screen, Suspect};
+use gensim2_geometry::{Batch, JointKind, LANES, Pose, Screen, Suspect};
 
 use super::{Approached, Stuck};
 use crate::model::{Model, Row};
-use crate::world::{Compiled, place_of};
+use crate::world::{Compiled, Required, place_of};
 use crate::{Cancel, Scene, Trajectory};
 
 /// Measured gaps are capped at this value (m).
@@ -43,7 +43,7 @@ pub(super) struct Sweep<'s> {
     pub scene: &'s Scene,
     pub model: &'s Model,
     pub world: &'s Compiled,
-    pub needs: &'s Needs,
+    pub needs: &'s Required,
     /// Mean lever arm of each joint (m), used for the initial spacing.
     pub weights: Row,
     pub checks: u64,
@@ -58,7 +58,7 @@ pub(super) struct Sweep<'s> {
 }
 
 impl<'s> Sweep<'s> {
-    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, weights: Row, over: &'s Cancel) -> Self {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Required, weights: Row, over: &'s Cancel) -> Self {
         let world = scene.compiled();
         let slides = scene.robot().joints().iter().map(|joint| joint.kind() == JointKind::Prismatic).collect();
         Self {
@@ -171,7 +171,7 @@ impl<'s> Sweep<'s> {
             }
             screen.place(&mut self.batch);
             let looks = &mut out[first..];
-            screen.survey(&mut self.batch, self.needs, REACH, |s| {
+            screen.survey(&mut self.batch, self.needs.screened(), REACH, |s| {
                 let place = place_of(s, groups);
                 for look in looks.iter_mut() {
                     let gap = s.gap[look.lane];
@@ -220,7 +220,7 @@ impl<'s> Sweep<'s> {
             if f64::from(s.gap[look.lane]) >= least {
                 continue;
             }
-            let need = screen.needed(self.needs, s.group, s.other);
+            let need = self.needs.of(screen, s.group, s.other);
             let reach = least.min(f64::from(s.gap[look.lane].max(0.0) + CLOSE)) + need;
             least = least.min(screen.distance(s.group, s.other, &self.poses, reach.max(0.0)) - need);
         }
@@ -235,7 +235,7 @@ impl<'s> Sweep<'s> {
         Compiled::poses(self.scene, &look.q, &mut self.poses);
         let (mut least, mut found) = (f64::INFINITY, None);
         for s in look.suspects.iter().filter(|s| place_of(s, screen.groups()) == place) {
-            let need = screen.needed(self.needs, s.group, s.other);
+            let need = self.needs.of(screen, s.group, s.other);
             let distance = screen.distance(s.group, s.other, &self.poses, need.max(0.0) + 1e-6);
             if distance - need < least {
                 (least, found) = (distance - need, Some((s.group, s.other, distance)));

@@ -90,8 +90,18 @@ fn scaled(field: &Field<'_>, x: &Row) -> Row {
     out
 }
 
+/// A search that found no path.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Unmet {
+    /// Whether a thorough search added no configuration to the start.
+    pub is_boxed_in: bool,
+}
+
 /// Returns the vertices of a path from `start` to one of `goals`, including both, along edges that are free as far as
-/// checked; `None` if the samples are used up, or the search must end.
+/// checked.
+///
+/// # Errors
+/// The samples are used up, or the search must end.
 pub(super) fn search(
     field: &mut Field<'_>,
     start: &Row,
@@ -99,16 +109,16 @@ pub(super) fn search(
     samples: usize,
     seed: usize,
     manner: Manner,
-) -> Option<Vec<Row>> {
+) -> Result<Vec<Row>, Unmet> {
     // Try the straight edges to the goals first, the shortest one first.
     let mut near: Vec<&Row> = goals.iter().collect();
     near.sort_by(|a, b| field.length(start, a).total_cmp(&field.length(start, b)));
     for goal in near {
         if field.is_edge_free(start, goal) {
-            return Some(vec![*start, *goal]);
+            return Ok(vec![*start, *goal]);
         }
         if field.is_over() {
-            return None;
+            return Err(Unmet { is_boxed_in: false });
         }
     }
     let mut draws = Draws::of(0x7472_616e, seed);
@@ -116,7 +126,7 @@ pub(super) fn search(
     let mut active = 0;
     for _ in 0..samples {
         if field.is_over() {
-            return None;
+            return Err(Unmet { is_boxed_in: false });
         }
         let mut target = sample(field, &trees[active], &mut draws, manner);
         if !field.pull(&mut target) {
@@ -133,14 +143,14 @@ pub(super) fn search(
                     if active == 1 {
                         path.reverse();
                     }
-                    return Some(path);
+                    return Ok(path);
                 }
             }
         }
         // The smaller tree grows, so that the harder end gets more samples.
         active = usize::from(trees[1].nodes.len() < trees[0].nodes.len());
     }
-    None
+    Err(Unmet { is_boxed_in: manner == Manner::Thorough && trees[0].nodes.len() == 1 })
 }
 
 /// Returns a random configuration towards which the tree grows: anywhere, or around a node of the tree.

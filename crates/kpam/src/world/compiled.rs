@@ -6,6 +6,7 @@ use super::movers::is_below;
 use super::rules::{CollisionObjects, Group, holders};
 use super::{Scene, TOUCH};
 use crate::Role;
+use crate::joint_map::JointMap;
 
 /// Bodies in contact may appear to overlap by up to this depth (m) because of rounding.
 pub(crate) const CONTACT: f64 = 1e-7;
@@ -125,11 +126,11 @@ impl Compiled {
         }
     }
 
-    /// Returns all checked pairs closer than `reach` (m) at a full joint vector. Pairs whose relative pose no joint that
-    /// `moves` changes are omitted.
-    pub fn close(&self, scene: &Scene, q: &[f64], reach: f64, moves: impl Fn(usize) -> bool) -> Close {
+    /// Returns all checked pairs closer than `reach` (m) at a full joint vector. Pairs whose relative pose no
+    /// variable of `map` changes are omitted.
+    pub fn close(&self, scene: &Scene, q: &[f64], reach: f64, map: &JointMap) -> Close {
         let mut needs = self.needs(0.0);
-        self.leave_out_still(&mut needs, moves);
+        self.leave_out_still(&mut needs, map);
         let (mut poses, mut batch) = (Vec::new(), Batch::default());
         (0..LANES).for_each(|lane| batch.set(&self.screen, lane, q));
         self.screen.place(&mut batch);
@@ -165,9 +166,10 @@ impl Compiled {
         (0..self.screen.pairs().len()).filter(|pair| held(self.screen.pairs()[*pair])).collect()
     }
 
-    /// Excludes pairs whose relative position does not change, because no moving joint lies between them.
-    pub fn leave_out_still(&self, needs: &mut Needs, moves: impl Fn(usize) -> bool) {
-        let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| moves(*j)).collect::<Vec<_>>();
+    /// Excludes pairs whose relative position does not change, because no joint that variables drive lies between
+    /// them.
+    pub fn leave_out_still(&self, needs: &mut Needs, map: &JointMap) {
+        let driving = |g: usize| self.carriers[g].iter().map(|(j, _)| *j).filter(|j| map.moves(*j)).collect::<Vec<_>>();
         let carried: Vec<Vec<usize>> = (0..self.carriers.len()).map(driving).collect();
         let bodies = self.screen.bodies().max(1);
         for (row, joints) in needs.bodies.chunks_mut(bodies).zip(&carried) {

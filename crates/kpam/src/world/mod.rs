@@ -9,6 +9,7 @@ mod compiled;
 mod margins;
 mod movers;
 mod query;
+mod required;
 mod rules;
 mod scene;
 mod segment;
@@ -22,6 +23,7 @@ use gensim2_geometry::{Contact, MovingShapes, Obstacles, Pose, Proximity, Scratc
 use nalgebra::{Point3, Translation3};
 
 use crate::model::{Model, Row};
+use crate::transit::Ending;
 use crate::{Cancel, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 
 use bubble::Bubble;
@@ -35,6 +37,7 @@ pub(crate) use compiled::{CONTACT, Close, Compiled, place_of};
 pub(crate) use margins::Margins;
 pub(crate) use movers::is_below;
 pub(crate) use query::Clearances;
+pub(crate) use required::Required;
 pub use scene::{Scene, SceneJoint};
 pub(crate) use segment::{MotionSegment, Schedule};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
@@ -210,6 +213,17 @@ impl<'p> World<'p> {
     pub fn cut_short(&mut self) -> bool {
         self.unfinished |= self.is_late() || self.is_cancelled();
         self.unfinished
+    }
+
+    /// Returns the limits that a search must keep in addition, and the number of checks that are left.
+    pub fn ending(&self) -> Ending {
+        let max_checks = (self.max_checks < u64::MAX).then(|| self.max_checks.saturating_sub(self.checks));
+        Ending { cancel: self.cancel.clone(), deadline: self.end, max_checks }
+    }
+
+    /// Adds the checks of a search.
+    pub fn spend(&mut self, checks: u64) {
+        self.checks += checks;
     }
 
     /// Whether planning has a limit on checks or time.
