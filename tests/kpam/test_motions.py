@@ -201,6 +201,30 @@ def test_links_that_are_always_close_do_not_block_motions(start: list[float], go
             assert pair["distance"] > 0.0
 
 
+def test_links_whose_gap_varies_about_the_margin_do_not_block_motions(tmp_path: Path) -> None:
+    """The collar turns about an axis 1 mm beside the centre of the ball: its gap is 6 mm at both ends, 4 mm between."""
+
+    def link(name: str, radius: float, x: float) -> str:
+        shape = f'<origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry>'
+        return f'<link name="{name}"><collision>{shape}</collision></link>'
+
+    def joint(name: str, parent: str, child: str) -> str:
+        limit = '<limit lower="-3.1" upper="3.1" velocity="1" effort="1"/>'
+        ends = f'<parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
+        return f'<joint name="{name}" type="revolute">{ends}{limit}</joint>'
+
+    links = link("ball", 0.05, 0.001) + link("ring", 0.01, 0.0) + link("collar", 0.02, 0.075)
+    urdf = tmp_path / "collar.urdf"
+    joints = joint("turn", "ball", "ring") + joint("slack", "ring", "collar")
+    urdf.write_text(f'<robot name="collar">{links}{joints}</robot>', encoding="utf-8")
+    scene = kpam.Scene(kpam.Robot.from_urdf(urdf, hand_link="collar"))
+    motion = scene.plan_to([-3.0, 0.0], [3.0, 0.0], samples=2000)
+    assert motion.status == "solved", motion.reason
+    assert motion.trajectory is not None
+    gaps = np.asarray(scene.distance(motion.trajectory.sample_every(0.01), 0.1))
+    assert 0.0039 < gaps.min() < 0.0041
+
+
 @pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder", "convex_hull", "mesh", "point_cloud"])
 def test_the_help_of_each_shape_states_its_unit(name: str) -> None:
     text = getattr(kpam.Shape, name).__doc__

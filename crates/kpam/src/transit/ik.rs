@@ -50,8 +50,8 @@ pub struct IkOptions {
     /// Weight of the manipulability in the objective. Manipulability is the product of the singular values of the link's
     /// Jacobian (m and rad, by the joints that planning moves).
     pub manipulability: f64,
-    /// Minimum distance (m) between the bodies of each checked pair at a solution. Links that are closer in every
-    /// configuration must only not collide. `None` ignores obstacles.
+    /// Minimum distance (m) between the bodies of each checked pair at a solution. Links that are often closer must
+    /// only not collide. `None` ignores obstacles.
     pub margin: Option<f64>,
     /// Flag that ends the search from another thread; the solutions found so far are returned.
     pub cancel: Option<Cancel>,
@@ -223,7 +223,7 @@ impl<'a> Ask<'a> {
         let searched = Self::searched(scene, model, targets);
         let mut search = Search::<D>::new(targets, model, searched);
         let mut field = self.margin.map(|margin| {
-            let mut needs = scene.compiled().needs_at_least(scene.robot(), margin);
+            let mut needs = scene.compiled().needs_beside(scene.robot(), [], margin, margin);
             scene.compiled().leave_out_still(&mut needs, model.map());
             Field::new(scene, model, needs.into(), Ending::default())
         });

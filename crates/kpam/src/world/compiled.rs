@@ -80,21 +80,9 @@ impl Compiled {
         Needs { bodies: self.checked.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }
     }
 
-    /// Returns required distances that are `margin` (m) for every checked pair. Links that are closer in every
-    /// configuration must only not collide.
-    pub fn needs_at_least(&self, robot: &Robot, margin: f64) -> Needs {
-        let mut needs = self.needs(margin);
-        for (need, pair) in needs.pairs.iter_mut().zip(self.screen.pairs()) {
-            if robot.is_always_close(*pair, margin) {
-                *need = 0.0;
-            }
-        }
-        needs
-    }
-
     /// Returns required distances that are `clearance` (m), except for pairs that are closer at some configuration
-    /// (`close`): these must only keep that distance. Links that are closer than `margin` in every configuration must
-    /// only not collide.
+    /// (`close`): these must only keep that distance. Links that are often closer than `margin` must only not collide,
+    /// because their shapes prevent the margin.
     pub fn needs_beside<'c>(
         &self,
         robot: &Robot,
@@ -105,13 +93,14 @@ impl Compiled {
         let mut needs = self.needs(clearance);
         for (group, other, distance) in close {
             // The screening cannot bound the depth of an overlap, so the required distance is never below contact.
-            let need = match other {
-                // The shapes of these links prevent the margin, so they need only stay free of collisions.
-                Other::Pair(pair) if robot.is_always_close(self.screen.pairs()[*pair], margin) => 0.0,
-                _ => (distance - TOUCH).min(clearance).max(0.0),
-            };
+            let need = (distance - TOUCH).min(clearance).max(0.0);
             if let Some(place) = self.need_mut(&mut needs, *group, *other) {
                 *place = place.min(need);
+            }
+        }
+        for (need, pair) in needs.pairs.iter_mut().zip(self.screen.pairs()) {
+            if robot.is_often_close(*pair, margin) {
+                *need = 0.0;
             }
         }
         needs

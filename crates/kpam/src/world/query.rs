@@ -220,8 +220,8 @@ impl World<'_> {
     }
 
     /// Returns the margins for the motion between two states: `clearance`, or the distance at either end if it is
-    /// smaller. An overlap does not reduce the margin, since the motion cannot end there. Links that are closer than the
-    /// clearance in every configuration need only stay free of collisions.
+    /// smaller. An overlap does not reduce the margin, since the motion cannot end there. Links that are often closer than
+    /// the margin need only stay free of collisions.
     pub fn margins_between(&mut self, ends: [State<'_>; 2], segment: MotionSegment, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
         let (robot, least) = (&*self.problem.robot, clearance.min(self.problem.options.margin));
@@ -231,20 +231,19 @@ impl World<'_> {
                 segment,
                 EXACT,
                 |world, group, seen| world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance)),
-                |world, seen, p| {
+                |_, seen, p| {
                     let left = p.contact.distance - TOUCH;
                     match seen {
                         _ if p.contact.distance < -TOUCH => {}
                         Seen::Body(body) => out.bodies.push(((p.group, body), left)),
-                        Seen::Pair(pair) if robot.is_always_close(world.objects.pairs[pair], least) => {
-                            out.pairs.push((pair, left.min(-TOUCH)));
-                        }
                         Seen::Pair(pair) => out.pairs.push((pair, left)),
                     }
                     true
                 },
             );
         }
+        let close = |pair: &usize| robot.is_often_close(self.objects.pairs[*pair], least);
+        out.pairs.extend((0..self.objects.pairs.len()).filter(close).map(|pair| (pair, -TOUCH)));
         out
     }
 
