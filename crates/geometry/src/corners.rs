@@ -89,14 +89,17 @@ impl Corners {
     #[inline(always)]
     fn furthest_of(&self, direction: &Vector3<f64>) -> Point3<f64> {
         let mut best = [f64::NEG_INFINITY; LANES];
-        let mut at = [0usize; LANES];
-        for (index, [x, y, z]) in self.blocks.iter().enumerate() {
+        // Indices are stored as floating-point numbers, because the compiler then selects them in all lanes at once.
+        let mut at = [0.0; LANES];
+        let mut index = 0.0;
+        for [x, y, z] in &self.blocks {
             for lane in 0..LANES {
                 let value = x[lane] * direction.x + y[lane] * direction.y + z[lane] * direction.z;
                 let further = value > best[lane];
                 best[lane] = if further { value } else { best[lane] };
                 at[lane] = if further { index } else { at[lane] };
             }
+            index += 1.0;
         }
         let mut lane = 0;
         for other in 1..LANES {
@@ -104,7 +107,7 @@ impl Corners {
                 lane = other;
             }
         }
-        let [x, y, z] = &self.blocks[at[lane]];
+        let [x, y, z] = &self.blocks[at[lane] as usize];
         Point3::new(x[lane], y[lane], z[lane])
     }
 }

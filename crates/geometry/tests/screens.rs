@@ -17,16 +17,21 @@ fn pose(at: [f64; 3], turn: [f64; 3]) -> Pose {
     Pose::from_parts(Vector3::from(at).into(), Rotation3::new(Vector3::from(turn)))
 }
 
-/// Three links: a box on the base, an irregular hull, and a capsule.
+/// Three links: two boxes and a ball on the base, an irregular hull, and two capsules.
 fn arm(rough: &[[f64; 3]]) -> Robot {
     let cuboid = Convex::cuboid([0.06, 0.05, 0.15], &pose([0.0, 0.0, 0.15], [0.1, 0.0, 0.0])).unwrap();
     let rod = Convex::capsule(0.03, 0.2, &pose([0.1, 0.0, 0.0], [0.0, 1.2, 0.0])).unwrap();
+    let upper = Convex::cuboid([0.1, 0.02, 0.03], &pose([0.05, 0.0, 0.38], [0.0, 0.0, 0.4])).unwrap();
+    let knob = Convex::ball(0.04, Point3::new(-0.1, 0.1, 0.2)).unwrap();
+    let cross = Convex::capsule(0.02, 0.1, &pose([0.25, 0.05, 0.0], [1.0, 0.0, 0.3])).unwrap();
     Robot::builder("arm")
         .link(Link::base("base"))
         .link(
             Link::below("base", "one")
                 .moved_by(Joint::revolute("a", Vector3::z()).limits(-3.0, 3.0).velocity(1.0))
-                .shape(cuboid),
+                .shape(cuboid)
+                .shape(upper)
+                .shape(knob),
         )
         .link(
             Link::below("one", "two")
@@ -38,7 +43,8 @@ fn arm(rough: &[[f64; 3]]) -> Robot {
             Link::below("two", "three")
                 .at(pose([0.3, 0.0, 0.1], [0.0, 0.4, 0.0]))
                 .moved_by(Joint::prismatic("c", Vector3::x()).limits(-0.2, 0.2).velocity(1.0))
-                .shape(rod),
+                .shape(rod)
+                .shape(cross),
         )
         .build("three")
         .unwrap()
@@ -48,6 +54,11 @@ fn brute(a: &Convex, at: &Pose, b: &Convex) -> f64 {
     let moved = a.moved(at);
     let (p, q) = (Corners::of(moved.points()), Corners::of(b.points()));
     signed_distance((&p, moved.radius()), (&q, b.radius()), &mut (b.center() - moved.center()), 1e5).unwrap().distance
+}
+
+/// Distance between shapes at a pose and other shapes, by measuring every pair.
+fn least(own: &[Convex], at: &Pose, others: &[Convex]) -> f64 {
+    own.iter().flat_map(|a| others.iter().map(|b| brute(a, at, b))).fold(f64::INFINITY, f64::min)
 }
 
 fn coordinates(reach: f64) -> impl Strategy<Value = [f64; 3]> {
@@ -126,9 +137,8 @@ proptest! {
             let mut elements = 0;
             for (body, (shapes, stands)) in bodies.iter().enumerate() {
                 for group in 1..4 {
-                    let own = &robot.links()[group].shapes()[0];
-                    let each = shapes.iter().map(|s| brute(own, &poses[group], &s.moved(stands)));
-                    let wanted = each.fold(f64::INFINITY, f64::min);
+                    let placed: Vec<Convex> = shapes.iter().map(|s| s.moved(stands)).collect();
+                    let wanted = least(robot.links()[group].shapes(), &poses[group], &placed);
                     // For overlapping bodies only the missing clearance is reported.
                     prop_assert!(said[group][body][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{body} {group}");
                     // Bodies reported as surely too close are too close.
@@ -152,8 +162,8 @@ proptest! {
                     elements += shapes.len();
                 }
             }
-            let (one, two) = (&robot.links()[1].shapes()[0], &robot.links()[3].shapes()[0]);
-            let wanted = brute(one, &poses[1], &two.moved(&poses[3]));
+            let two: Vec<Convex> = robot.links()[3].shapes().iter().map(|s| s.moved(&poses[3])).collect();
+            let wanted = least(robot.links()[1].shapes(), &poses[1], &two);
             prop_assert!(said[1][bodies.len()][lane] <= wanted.max(0.0) - 0.02 + 1e-9);
             prop_assert!(most[1][bodies.len()][lane] >= 0.0 || wanted < 0.02);
             prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01) == (wanted >= 0.01));
@@ -215,8 +225,7 @@ proptest! {
         for (lane, (a, b, c)) in q.iter().enumerate() {
             robot.link_poses(&[*a, *b, *c], &mut poses).unwrap();
             for group in 1..4 {
-                let own = &robot.links()[group].shapes()[0];
-                let wanted = voxels.iter().map(|v| brute(own, &poses[group], v)).fold(f64::INFINITY, f64::min);
+                let wanted = least(robot.links()[group].shapes(), &poses[group], &voxels);
                 prop_assert!(said[group][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{group} {wanted}");
                 prop_assert!(most[group][lane] >= 0.0 || wanted < 0.01, "{group} {wanted}");
                 prop_assert!(wanted < 0.0 || most[group][lane] >= wanted - 0.01 - 1e-9, "{wanted}");
