@@ -164,8 +164,16 @@ class Shapes:
 
     def _refresh(self) -> None:
         self.data = pin.GeometryData(self.geometry)
+        self.margins = np.full(len(self.pairs), -self.depth)
         for request in self.data.collisionRequests:
             request.security_margin = -self.depth
+        shapes = [each.geometry for each in self.geometry.geometryObjects]
+        for shape in shapes:
+            shape.computeLocalAABB()
+        #: Spheres around the shapes, with which distant pairs are skipped; a call to coal takes much longer.
+        self._centers = np.array([shape.aabb_center for shape in shapes])
+        self._radii = np.array([shape.aabb_radius for shape in shapes])
+        self._ends = np.array([(pair.first, pair.second) for pair in self.geometry.collisionPairs]).reshape(-1, 2)
 
     def keep(self, margin: float, ends: list[Array]) -> None:
         """Require ``margin`` (m) from the boxes, or the distance at one of the configurations ``ends``, if smaller."""
@@ -176,20 +184,27 @@ class Shapes:
             for index in wide:
                 near[index] = min(near[index], self.data.distanceResults[index].min_distance - DEPTH)
         for index in wide:
-            self.data.collisionRequests[index].security_margin = near[index]
+            self.data.collisionRequests[index].security_margin = self.margins[index] = near[index]
+
+    def _near(self, q: Array) -> list[int]:
+        """Return the indices of the pairs whose spheres are close to each other at joints ``q`` (n,)."""
+        pin.updateGeometryPlacements(self.robot.model, self.robot.data, self.geometry, self.data, self.robot.vector(q))
+        places = np.array([place.homogeneous for place in self.data.oMg])
+        centers = np.einsum("kij,kj->ki", places[:, :3, :3], self._centers) + places[:, :3, 3]
+        one, two = self._ends.T
+        apart = np.linalg.norm(centers[one] - centers[two], axis=1) - self._radii[one] - self._radii[two]
+        return np.flatnonzero(apart <= np.maximum(self.margins, 0.0) + DEPTH).tolist()
+
+    def _collide(self, pair: int) -> bool:
+        return bool(pin.computeCollision(self.geometry, self.data, pair))
 
     def collides(self, q: Array) -> bool:
         """Return whether a pair collides at joints ``q`` (n,)."""
-        vector = self.robot.vector(q)
-        return bool(pin.computeCollisions(self.robot.model, self.robot.data, self.geometry, self.data, vector, True))
+        return any(self._collide(pair) for pair in self._near(q))
 
     def colliding(self, q: Array) -> set[tuple[str, str]]:
         """Return the pairs that collide at joints ``q`` (n,)."""
-        vector = self.robot.vector(q)
-        pin.computeCollisions(self.robot.model, self.robot.data, self.geometry, self.data, vector, False)
-        return {
-            pair for pair, result in zip(self.pairs, self.data.collisionResults, strict=True) if result.isCollision()
-        }
+        return {self.pairs[pair] for pair in self._near(q) if self._collide(pair)}
 
 
 def limit_errors(

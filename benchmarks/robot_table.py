@@ -453,6 +453,8 @@ def measure(folder: Path, entry: dict[str, Any], row: dict[str, Any], only: list
         row["error"] = str(error).removeprefix(f"{folder}/")
         return
     for part in missing:
+        if part in ("plan", "other", "times") and "cause" in row.get("ik", {}):
+            continue
         begin = time.process_time()
         if part == "other":
             row[part] = other(arm, [each["status"] for each in row["plan"]["problems"]], seconds)
