@@ -656,8 +656,8 @@ class Scene:
                 of two arms. Joints that are not planned keep the value of ``q_start``.
             link: link that must reach the goal pose; default: the hand.
             margin: minimum distance between two bodies, 0 to 0.1 m. Pairs that are closer at the start or the goal
-                keep that smaller distance. Links that are closer than ``margin`` in at least a tenth of random
-                configurations without an overlap must only not collide.
+                keep that smaller distance. Links whose shapes prevent the margin must only not collide: they are closer
+                in all random configurations, or closer than 10 mm in at least a tenth.
             samples: maximum number of random samples of the search.
             seed: seed of the random samples.
             velocity_scale: fraction of the velocity limits that the motion may use, above 0, at most 1.
@@ -823,8 +823,8 @@ class Scene:
             manipulability: weight of the manipulability, 0 to 1e6. Manipulability is ``sqrt(det(J @ J.T))`` with the
                 Jacobian ``J`` of the link (m and rad), or ``sqrt(det(J.T @ J))`` with fewer than six moving joints.
                 It is 0 at a singularity. With two links, their sum counts.
-            margin: minimum distance between two bodies at a solution, 0 to 0.1 m. Links that are closer in
-                at least a tenth of random configurations must only not collide. With None, obstacles are ignored.
+            margin: minimum distance between two bodies at a solution, 0 to 0.1 m. Links whose shapes
+                prevent the margin must only not collide (see :meth:`plan_to`). With None, obstacles are ignored.
 
         Returns:
             Distinct joint vectors (K, n), best first; K is 0 if no solution was found. If the arm is redundant, they

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::pose::{product, rotated, turned};
+use crate::self_collisions::CloseLinks;
 use crate::{
     Chain, ChainFrames, Cover, Description, Inertia, Joint, JointCountError, JointKind, Link, Mimic, Pose,
     RobotBuilder, RobotError, UrdfError, checked_pairs, file, srdf, urdf, xml,
@@ -36,9 +37,9 @@ pub struct Robot {
     /// Spheres around the links.
     #[serde(skip)]
     cover: Computed<Arc<Cover>>,
-    /// Checked pairs of links that are close in all configurations, with their largest distance.
+    /// Checked pairs of links that are often or always close.
     #[serde(skip)]
-    pub(crate) close: Computed<Vec<((usize, usize), f64)>>,
+    pub(crate) close: Computed<Vec<CloseLinks>>,
 }
 
 /// A value that is computed on first use and ignored in comparisons.

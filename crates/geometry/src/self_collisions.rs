@@ -10,15 +10,16 @@ use crate::{Draws, JointKind, Robot};
 pub const SAMPLES: usize = 1000;
 /// Default fraction of the configurations above which links count as always overlapping, as in MoveIt's setup assistant.
 pub const ALWAYS: f64 = 0.95;
-/// Fraction of the configurations without an overlap above which links count as often closer than a margin. Links that
-/// meet by chance are closer than 5 mm in about 2 % of the configurations.
+/// Fraction of the configurations without an overlap above which links count as often closer than a margin, and the
+/// largest margin (m) for which this holds. Links that meet by chance are closer than 5 mm in about 2 % of the
+/// configurations, but many neighbouring links are often closer than 50 mm.
 const OFTEN: f64 = 0.1;
-/// Number of random configurations for distances of links that do not overlap.
+const OFTEN_CLOSE: f64 = 0.01;
+/// Number of random configurations for distances of links, and the number after which pairs are left out that were never
+/// closer than [`OFTEN_CLOSE`].
 const CLOSE_SAMPLES: usize = 400;
-/// Number of configurations after which links that were hardly ever close are left out, and the fraction for this.
-const FIRST: usize = 100;
-const HARDLY: f64 = 0.3 * OFTEN;
-/// Maximum distance (m) of links that are recorded as often close; no margin is larger.
+const FIRST: usize = 50;
+/// Maximum distance (m) of links that are recorded as always close; no margin is larger.
 const CLOSE: f64 = 0.1;
 /// Purpose of the random numbers.
 const PURPOSE: u64 = 0x7365_6c66;
@@ -63,6 +64,17 @@ pub struct LinkPair {
     /// Whether motions are checked for collisions of the two links. Pairs that the robot's SRDF disables, adjacent links
     /// and links that always overlap are not checked.
     pub checked: bool,
+}
+
+/// Two links that are often close to each other.
+#[derive(Debug, Clone)]
+pub(crate) struct CloseLinks {
+    /// Indices of the links, the lower first.
+    pair: (usize, usize),
+    /// Largest distance (m) in the closest tenth ([`OFTEN`]) of the sampled configurations without an overlap.
+    often: f64,
+    /// Largest distance (m) in all of these configurations; infinity if it is more than [`CLOSE`].
+    always: f64,
 }
 
 impl Robot {
@@ -142,37 +154,40 @@ impl Robot {
         pairs.iter().zip(apart).filter(|(_, apart)| *apart <= most).map(|(pair, _)| *pair).collect()
     }
 
-    /// Returns whether two links (lower index first) are checked against each other, but closer than `margin` (m, at most
-    /// 0.1) in at least a tenth of the random configurations in which they do not overlap. Their shapes then prevent the
-    /// margin: a motion that kept it could not pass such configurations.
+    /// Returns whether the shapes of two links (lower index first) prevent a `margin` (m, at most 0.1), so that a motion
+    /// that kept it could not pass some values of the joints between them. The links are checked against each other, but
+    /// closer than the margin in all random configurations in which they do not overlap, or closer than the margin and
+    /// than 10 mm in at least a tenth of them.
     #[must_use]
     pub fn is_often_close(&self, pair: (usize, usize), margin: f64) -> bool {
         let close = self.often_close();
-        close.binary_search_by_key(&pair, |(pair, _)| *pair).is_ok_and(|found| close[found].1 < margin)
+        close.binary_search_by_key(&pair, |links| links.pair).is_ok_and(|found| {
+            let links = &close[found];
+            links.often < margin.min(OFTEN_CLOSE) || links.always < margin
+        })
     }
 
-    /// Returns the checked pairs of links that are closer than [`CLOSE`] in at least the fraction [`OFTEN`] of the sampled
-    /// configurations without an overlap, each with the distance (m) that this fraction does not exceed. Computed on first
-    /// use.
-    fn often_close(&self) -> &[((usize, usize), f64)] {
+    /// Returns the checked pairs of links that are often or always close. Computed on first use.
+    fn often_close(&self) -> &[CloseLinks] {
         self.close.0.get_or_init(|| {
             let pairs = crate::checked_pairs(self, |_, _| true);
-            let mut distances = vec![Vec::new(); pairs.len()];
-            let (mut looks, mut apart) = (vec![0_usize; pairs.len()], vec![0_usize; pairs.len()]);
+            let (mut looks, mut seen) = (vec![0_usize; pairs.len()], vec![Vec::new(); pairs.len()]);
+            let mut is_always = vec![true; pairs.len()];
             self.survey(&pairs, CLOSE_SAMPLES, 0, CLOSE, |pair, distance| {
                 looks[pair] += 1;
+                is_always[pair] &= distance.is_some();
                 if distance.is_none_or(|d| d >= 0.0) {
-                    apart[pair] += 1;
-                    distances[pair].extend(distance);
+                    seen[pair].push(distance.unwrap_or(f64::INFINITY));
                 }
-                looks[pair] != FIRST || distances[pair].len() as f64 >= HARDLY * apart[pair] as f64
+                looks[pair] != FIRST || is_always[pair] || seen[pair].iter().any(|d| *d < OFTEN_CLOSE)
             });
-            let often = |(pair, (mut near, apart)): ((usize, usize), (Vec<f64>, usize))| {
-                let least = (OFTEN * apart as f64).ceil().max(1.0) as usize;
-                near.sort_by(f64::total_cmp);
-                near.get(least - 1).map(|distance| (pair, *distance))
+            let close = |(pair, mut seen): ((usize, usize), Vec<f64>)| {
+                seen.sort_by(f64::total_cmp);
+                let always = *seen.last()?;
+                let often = seen[(OFTEN * seen.len() as f64).ceil() as usize - 1];
+                (often < OFTEN_CLOSE || always < CLOSE).then_some(CloseLinks { pair, often, always })
             };
-            pairs.into_iter().zip(distances.into_iter().zip(apart)).filter_map(often).collect()
+            pairs.into_iter().zip(seen).filter_map(close).collect()
         })
     }
 
@@ -328,7 +343,11 @@ mod tests {
         // The forearm comes close to the base only if the elbow is bent far.
         let robot = arm(0.2);
         let (base, fore) = (robot.link_index("base").unwrap(), robot.link_index("fore").unwrap());
-        assert!(!robot.is_often_close((base.min(fore), base.max(fore)), 0.005));
+        let pair = (base.min(fore), base.max(fore));
+        assert!(!robot.is_often_close(pair, 0.005) && !robot.is_often_close(pair, 0.1));
+        let pairs = robot.self_collisions(SAMPLES, 0, ALWAYS);
+        let found = pairs.iter().find(|found| found.links == pair).unwrap();
+        assert!(found.checked && found.fraction > 0.0, "the links meet");
     }
 
     #[test]
@@ -343,6 +362,7 @@ mod tests {
             .build("collar")
             .unwrap();
         assert!(robot.is_often_close((0, 2), 0.005) && !robot.is_often_close((0, 2), 0.004));
+        assert!(robot.is_often_close((0, 2), 0.05), "the gap is always smaller");
     }
 
     #[test]

@@ -99,6 +99,9 @@ impl Planner<'_> {
                 found = Some(curve);
                 break;
             }
+            if self.world.is_over() {
+                break;
+            }
             rounding.tighten();
         }
         self.world.spend(field.checks);

@@ -50,8 +50,8 @@ impl Search<'_> {
         way.windows(2).map(|edge| effort(self.model.n(), &self.pace, &edge[0], &edge[1])).sum()
     }
 
-    /// Returns the vertices of a collision-free joint path from `a` to `b`, including `a` and `b`, then those of similar
-    /// paths that are not proven.
+    /// Returns the vertices of a collision-free joint path from `a` to `b`, including `a` and `b`, then those of slower
+    /// paths, which must be proven before they are used.
     fn paths(&self, world: &mut World<'_>, a: &Row, b: &Row) -> Result<Vec<Vec<Row>>, NoWay> {
         for end in [b, a] {
             if let Some(hit) = world.hit_at(State::still(end), self.segment, self.margins) {
@@ -65,12 +65,18 @@ impl Search<'_> {
         let needs = world.required(self.scene.compiled(), self.segment, self.margins);
         let mut field = Field::new(self.scene, self.model, needs, world.ending());
         let mut searches = Searches::new(self.samples, self.seed);
-        let (mut is_boxed_in, mut found, mut is_spent) = (false, None, false);
+        let (mut is_boxed_in, mut found, mut is_spent, mut charged) = (false, None, false, 0);
         while found.is_none() && !is_spent {
             let mut ways: Vec<(f64, Vec<Row>)> = Vec::new();
+            let mut has_missed = false;
             for _ in 0..WAYS {
                 match searches.next(&mut field, a, &[*b], &self.pace) {
-                    Some(Ok(paths)) => ways.extend(paths.into_iter().map(|path| (self.effort(&path), path))),
+                    Some(Ok(paths)) => {
+                        (is_boxed_in, has_missed) = (false, true);
+                        // The straight segment is known to be blocked.
+                        let bent = paths.into_iter().filter(|path| path.len() > 2);
+                        ways.extend(bent.map(|path| (self.effort(&path), path)));
+                    }
                     Some(Err(unmet)) => is_boxed_in = unmet.is_boxed_in,
                     None => is_spent = true,
                 }
@@ -83,16 +89,20 @@ impl Search<'_> {
                     && !world.cut_short()
             });
             found = proven.map(|first| ways.drain(first..).map(|(_, way)| way).collect());
-            field.refine();
+            if found.is_none() && has_missed {
+                field.refine();
+            }
+            world.spend(field.checks - charged);
+            charged = field.checks;
+            is_spent |= world.is_over();
         }
-        world.spend(field.checks);
         found.ok_or(if is_boxed_in { NoWay::BoxedIn(hit) } else { NoWay::NotFound(hit) })
     }
 }
 
 impl Planner<'_> {
     /// Searches a collision-free path between two joint vectors that keeps `margins`, and returns its vertices, then those
-    /// of similar paths that are not proven.
+    /// of slower paths, which must be proven before they are used.
     pub(super) fn connect(
         &mut self,
         from: &Row,

@@ -10,7 +10,8 @@ pub struct ServoOptions {
     /// Link that follows poses and twists; the hand if `None`.
     pub link: Option<String>,
     /// Minimum distance (m) between the bodies of each checked pair, 5 mm by default. A pair that is closer at the start
-    /// keeps the smaller distance. Links that are often closer must only not collide.
+    /// keeps the smaller distance. Links whose shapes [prevent the
+    /// margin](gensim2_geometry::Robot::is_often_close) must only not collide.
     pub margin: f64,
     /// Joint values (rad or m, one for each joint) that a redundant arm moves toward as long as the link does not move;
     /// default: the start.

@@ -50,8 +50,8 @@ pub struct IkOptions {
     /// Weight of the manipulability in the objective. Manipulability is the product of the singular values of the link's
     /// Jacobian (m and rad, by the joints that planning moves).
     pub manipulability: f64,
-    /// Minimum distance (m) between the bodies of each checked pair at a solution. Links that are often closer must
-    /// only not collide. `None` ignores obstacles.
+    /// Minimum distance (m) between the bodies of each checked pair at a solution. Links whose shapes [prevent
+    /// the margin](gensim2_geometry::Robot::is_often_close) must only not collide. `None` ignores obstacles.
     pub margin: Option<f64>,
     /// Flag that ends the search from another thread; the solutions found so far are returned.
     pub cancel: Option<Cancel>,

@@ -10,8 +10,8 @@ const TRIES: usize = 200;
 /// Number of samples of the shortest search. Search times have a heavy tail, so many short searches with occasional
 /// longer ones succeed where one long search fails (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
-/// Number of samples of the first search, which is plain rather than thorough and solves most problems. A search with
-/// few samples uses half of them.
+/// Number of samples of the first search, which is plain rather than thorough and solves most problems. The first
+/// search uses at most half of all samples.
 const PLAIN: usize = 250;
 
 /// Searches for paths from one configuration to several, until their samples are used up.

@@ -18,8 +18,8 @@ const MAX_SEED: usize = 1_000_000;
 #[non_exhaustive]
 pub struct TransitOptions {
     /// Minimum distance (m) between the bodies of each checked pair along the whole motion, 5 mm by default. A pair
-    /// that is closer at the start or at a goal keeps the smaller distance. Links that are often closer must only not
-    /// collide.
+    /// that is closer at the start or at a goal keeps the smaller distance. Links whose shapes [prevent
+    /// the margin](gensim2_geometry::Robot::is_often_close) must only not collide.
     pub margin: f64,
     /// Maximum number of random samples of a search.
     pub samples: usize,

@@ -53,6 +53,8 @@ pub(super) struct Sweep<'s> {
     pub slides: Vec<bool>,
     /// For each gap, the joints that move one of its two bodies relative to the other, each with the group that it moves.
     pub movers: Vec<Vec<(usize, usize)>>,
+    /// Indices of the gaps with a required distance.
+    active: Vec<usize>,
     batch: Batch,
     poses: Vec<Pose>,
 }
@@ -61,6 +63,12 @@ impl<'s> Sweep<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Required, weights: Row, over: &'s Cancel) -> Self {
         let world = scene.compiled();
         let slides = scene.robot().joints().iter().map(|joint| joint.kind() == JointKind::Prismatic).collect();
+        let (screen, screened) = (&world.screen, needs.screened());
+        let (groups, bodies) = (screen.groups(), screen.bodies());
+        let is_checked = |need: &f64| *need > f64::NEG_INFINITY;
+        let beside = (0..groups).filter(|g| screened.bodies[g * bodies..(g + 1) * bodies].iter().any(is_checked));
+        let pairs = (0..screen.pairs().len()).filter(|pair| is_checked(&screened.pairs[*pair]));
+        let active = beside.chain(pairs.map(|pair| groups + pair)).collect();
         Self {
             scene,
             model,
@@ -71,6 +79,7 @@ impl<'s> Sweep<'s> {
             over,
             slides,
             movers: world.movers(),
+            active,
             batch: Batch::default(),
             poses: Vec::new(),
         }
@@ -194,7 +203,8 @@ impl<'s> Sweep<'s> {
                 }
             });
             for look in looks {
-                for place in 0..count {
+                for k in 0..self.active.len() {
+                    let place = self.active[k];
                     if !is_clear(look.gaps[place], 0.0) {
                         self.measure(look, place);
                         if let Some(breach) = self.touching(look) {
@@ -249,7 +259,8 @@ impl<'s> Sweep<'s> {
     fn certify(&mut self, motion: &Trajectory, a: &mut Look, b: &mut Look) -> bool {
         let travel = self.travel(motion, a, b);
         let groups = self.screen().groups();
-        (0..a.gaps.len()).all(|place| {
+        (0..self.active.len()).all(|k| {
+            let place = self.active[k];
             if self.covers(a, b, place, groups, &travel) {
                 return true;
             }

@@ -81,8 +81,7 @@ impl Compiled {
     }
 
     /// Returns required distances that are `clearance` (m), except for pairs that are closer at some configuration
-    /// (`close`): these must only keep that distance. Links that are often closer than `margin` must only not collide,
-    /// because their shapes prevent the margin.
+    /// (`close`): these must only keep that distance. Links whose shapes prevent the `margin` must only not collide.
     pub fn needs_beside<'c>(
         &self,
         robot: &Robot,

@@ -220,7 +220,7 @@ impl World<'_> {
     }
 
     /// Returns the margins for the motion between two states: `clearance`, or the distance at either end if it is
-    /// smaller. An overlap does not reduce the margin, since the motion cannot end there. Links that are often closer than
+    /// smaller. An overlap does not reduce the margin, since the motion cannot end there. Links whose shapes prevent
     /// the margin need only stay free of collisions.
     pub fn margins_between(&mut self, ends: [State<'_>; 2], segment: MotionSegment, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
