@@ -239,7 +239,7 @@ def rrt_connect(
 def connect(
     start: Array, goal: Array, free: Free, sample: Callable[[], Array], until: Callable[[], bool]
 ) -> list[Array] | None:
-    """Return a path that two trees find, which grow from both ends; None if ``until`` says to give up before."""
+    """Search a path with two trees, one from each end; return None if ``until`` ends the search."""
     trees: list[tuple[list[Array], list[int]]] = [([start], [-1]), ([goal], [-1])]
     reach = 0.6
     turn = 0

@@ -20,7 +20,7 @@ from gensim2.robots import robot
 from gensim2.tasks.criteria import DistanceArticulatedRigid
 
 from .test_estimation import look_at, truth
-from .test_rigid import cloud_of, floor, nothing_articulated, on_table
+from .test_rigid import cloud_of, floor, lifted_by, nothing_articulated, on_table
 
 Array = npt.NDArray[np.float64]
 PANDA = robot("panda")
@@ -188,12 +188,7 @@ def test_a_knob_is_not_taken_for_an_object_in_the_drawer() -> None:
 
 
 def test_a_released_object_that_has_tilted_and_slipped_upwards_is_found() -> None:
-    true = on_table("cracker_box", 0.0, 0.0)
-    tracker = RigidTracker({"crackers": true.shape})
-    points = np.concatenate([cloud_of(true), floor(0.05)])
-    tracker.take_in(points, nothing_articulated(points))
-    lifted = tracker.found["crackers"].moved(np.array([0.3, 0.0, 0.1]))
-    tracker.hold("crackers", lifted.T_world_object)
+    _, tracker, lifted = lifted_by("cracker_box", (0.3, 0.0, 0.1), floor(0.05))
     tracker.hold(None)
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("y", 25, degrees=True).as_matrix()
@@ -203,17 +198,12 @@ def test_a_released_object_that_has_tilted_and_slipped_upwards_is_found() -> Non
     shown = rest.samples[rest.samples[:, 2] > low]
     seen = np.concatenate([shown, floor(0.05)])
     tracker.take_in(seen, np.ones(len(seen), dtype=bool))
-    assert not tracker.is_hidden("crackers")
-    np.testing.assert_allclose(tracker.found["crackers"].center, rest.center, atol=0.012)
+    assert not tracker.is_hidden("cracker_box")
+    np.testing.assert_allclose(tracker.found["cracker_box"].center, rest.center, atol=0.012)
 
 
 def test_a_dropped_object_is_found_on_the_table_even_if_the_network_takes_it_for_a_part() -> None:
-    true = on_table("mug", 0.0, 0.0)
-    tracker = RigidTracker({"mug": true.shape})
-    points = cloud_of(true)
-    tracker.take_in(points, nothing_articulated(points))
-    lifted = tracker.found["mug"].moved(np.array([0.2, 0.0, 0.15]))
-    tracker.hold("mug", lifted.T_world_object)
+    true, tracker, _ = lifted_by("mug", (0.2, 0.0, 0.15), np.zeros((0, 3)))
     tracker.hold(None)
     rest = true.moved(np.array([0.05, -0.3, 0.0]))
     seen = cloud_of(rest)

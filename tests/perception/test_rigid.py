@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,18 @@ def cloud_of(thing: RigidEstimate, count: int = 200) -> Array:
 
 def nothing_articulated(points: Array) -> npt.NDArray[np.bool_]:
     return np.zeros(len(points), dtype=bool)
+
+
+def lifted_by(name: str, by: Sequence[float], background: Array) -> tuple[RigidEstimate, RigidTracker, RigidEstimate]:
+    """Return an object on the table, a tracker that has seen it before a background, and the object in the hand, ``by``
+    (3,) away, m."""
+    true = on_table(name, 0.0, 0.0)
+    tracker = RigidTracker({name: true.shape})
+    points = np.concatenate([cloud_of(true), background])
+    tracker.take_in(points, nothing_articulated(points))
+    lifted = tracker.found[name].moved(np.array(by))
+    tracker.hold(name, lifted.T_world_object)
+    return true, tracker, lifted
 
 
 def test_clusters_are_separated_by_gaps_and_strays_are_left_out() -> None:
@@ -134,12 +147,7 @@ def test_a_grasped_object_follows_the_hand_and_is_found_where_it_was_dropped(is_
     """The apple falls 10 cm onto a floor 5 cm above the table, and rolls 2 cm. Points of the same shape above the place
     of the release, which the hand has hidden before, show something else.
     """
-    true = on_table("apple", 0.0, 0.0)
-    tracker = RigidTracker({"apple": true.shape})
-    points = np.concatenate([cloud_of(true), floor(0.05)])
-    tracker.take_in(points, nothing_articulated(points))
-    lifted = tracker.found["apple"].moved(np.array([0.3, 0.0, 0.15]))
-    tracker.hold("apple", lifted.T_world_object)
+    _, tracker, lifted = lifted_by("apple", (0.3, 0.0, 0.15), floor(0.05))
     held = np.concatenate([cloud_of(lifted), floor(0.05)])
     own = tracker.take_in(held, nothing_articulated(held))
     assert (own[: len(cloud_of(lifted))] == 0).all(), "the points of the grasped object are no obstacle"

@@ -140,7 +140,7 @@ pub(crate) struct Obstacle {
     /// The obstacle, or the box around a hull.
     pub first: Solid,
     hull: Option<(Convex, OnceLock<Solid>)>,
-    /// Maximum amount (m) by which the true distance exceeds the lower bound.
+    /// Largest difference (m) between the true distance and the lower bound; infinite for a hull.
     pub looseness: f32,
 }
 

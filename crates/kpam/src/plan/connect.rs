@@ -5,7 +5,7 @@ use gensim2_geometry::Draws;
 use super::planner::Planner;
 use crate::Scene;
 use crate::model::{MAX_JOINTS, Model, Row};
-use crate::transit::{Field, Searches, effort};
+use crate::transit::{Field, Searches, effort_along};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
 /// Number of directions tried out of an overlap, with growing distance, and the maximum distance (m); each variable is
@@ -45,11 +45,6 @@ struct Search<'s> {
 }
 
 impl Search<'_> {
-    /// Returns the length of a path in time (s).
-    fn effort(&self, way: &[Row]) -> f64 {
-        way.windows(2).map(|edge| effort(self.model.n(), &self.pace, &edge[0], &edge[1])).sum()
-    }
-
     /// Returns the vertices of a collision-free joint path from `a` to `b`, including `a` and `b`, then those of slower
     /// paths, which must be proven before they are used.
     fn paths(&self, world: &mut World<'_>, a: &Row, b: &Row) -> Result<Vec<Vec<Row>>, NoWay> {
@@ -75,7 +70,7 @@ impl Search<'_> {
                         (is_boxed_in, has_missed) = (false, true);
                         // The straight segment is known to be blocked.
                         let bent = paths.into_iter().filter(|path| path.len() > 2);
-                        ways.extend(bent.map(|path| (self.effort(&path), path)));
+                        ways.extend(bent.map(|path| (effort_along(self.model.n(), &self.pace, &path), path)));
                     }
                     Some(Err(unmet)) => is_boxed_in = unmet.is_boxed_in,
                     None => is_spent = true,

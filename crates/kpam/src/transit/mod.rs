@@ -38,7 +38,7 @@ use path::Along;
 pub(crate) use paths::Searches;
 pub use question::{Approached, Motion, NoMotion, TransitOptions};
 pub(crate) use rounding::Rounding;
-pub(crate) use shorten::effort;
+pub(crate) use shorten::effort_along;
 use sweep::Sweep;
 
 /// Clearance (m) that the search keeps in addition to the margin, because rounded corners may come closer to obstacles.

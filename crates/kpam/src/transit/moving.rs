@@ -136,12 +136,11 @@ impl Transit<'_> {
     /// Estimates the duration of a path, including the time to turn the start velocity into its direction.
     fn effort(&self, pace: &Row, way: &[Row]) -> f64 {
         let n = self.model.n();
-        let edges: f64 = way.windows(2).map(|edge| shorten::effort(n, pace, &edge[0], &edge[1])).sum();
         let first = distance(n, &way[0], &way[1]).max(f64::MIN_POSITIVE);
         let along = |v: usize| (way[1][v] - way[0][v]) / first;
         let speed = (0..n).map(|v| self.state[1][v] * along(v)).sum::<f64>().max(0.0);
         let turn = |v: usize| (self.state[1][v] - speed * along(v)).abs() / self.limits.acceleration[v];
-        edges + (0..n).map(turn).fold(0.0, f64::max)
+        shorten::effort_along(n, pace, way) + (0..n).map(turn).fold(0.0, f64::max)
     }
 
     /// Returns a collision-free motion that joins the motion along `corners`, which starts at rest, while that motion

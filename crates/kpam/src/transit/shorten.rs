@@ -17,8 +17,13 @@ const SAVES: f64 = 0.002;
 
 /// Returns the length of a straight edge, measured in seconds: the minimum time of each joint, combined as the root of
 /// the sum of squares.
-pub(crate) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
+pub(super) fn effort(n: usize, pace: &Row, a: &Row, b: &Row) -> f64 {
     (0..n).map(|v| ((b[v] - a[v]) * pace[v]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Returns the sum of the lengths of a path's edges (s).
+pub(crate) fn effort_along(n: usize, pace: &Row, path: &[Row]) -> f64 {
+    path.windows(2).map(|edge| effort(n, pace, &edge[0], &edge[1])).sum()
 }
 
 /// Shortens a path in place; `pace` weights each variable (seconds per unit).
@@ -67,7 +72,7 @@ pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, se
 /// free; `None` if the path does not become shorter.
 pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<Vec<Row>> {
     let n = field.model.n();
-    let total: f64 = path.windows(2).map(|w| effort(n, pace, &w[0], &w[1])).sum();
+    let total = effort_along(n, pace, path);
     let (mut out, mut moved) = (path.to_vec(), false);
     for i in 1..out.len().saturating_sub(1) {
         let (a, x, b) = (out[i - 1], out[i], out[i + 1]);
