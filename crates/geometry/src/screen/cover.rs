@@ -1,5 +1,7 @@
 //! Covers a convex shape with a few spheres that contain the shape without extending far beyond it.
 
+use std::collections::HashSet;
+
 use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Convex};
@@ -34,13 +36,13 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
             if d > best.0 { (d, *p) } else { best }
         })
     };
-    let mut best = Ball { center, radius: furthest(&center).0.sqrt(), inner: f64::NEG_INFINITY };
+    let (mut reach, mut far) = furthest(&center);
+    let mut best = Ball { center, radius: reach.sqrt(), inner: f64::NEG_INFINITY };
     for round in 1..=ROUNDS {
-        let (_, far) = furthest(&center);
         center += (far - center) / (round + 1) as f64;
-        let reach = furthest(&center).0.sqrt();
-        if reach < best.radius {
-            best = Ball { center, radius: reach, ..best };
+        (reach, far) = furthest(&center);
+        if reach.sqrt() < best.radius {
+            best = Ball { center, radius: reach.sqrt(), ..best };
         }
     }
     best.radius += radius;
@@ -68,7 +70,10 @@ impl Hull {
     }
 
     fn cell(&self, bounds: Aabb, surface: Vec<Vec<Point3<f64>>>) -> Option<Cell> {
-        let mut corners: Vec<Point3<f64>> = surface.iter().flatten().copied().collect();
+        // Triangles share their vertices, and each further copy of a vertex takes time in every round.
+        let mut seen = HashSet::new();
+        let is_new = |p: &Point3<f64>| seen.insert(<[f64; 3]>::from(*p).map(f64::to_bits));
+        let mut corners: Vec<Point3<f64>> = surface.iter().flatten().copied().filter(is_new).collect();
         for i in 0..8 {
             let pick = |k: usize, low: f64, high: f64| if i & (1 << k) == 0 { low } else { high };
             let corner = Point3::new(

@@ -1,12 +1,13 @@
 //! Builder that creates problems in code.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use gensim2_geometry::{Pose, Robot};
 use nalgebra::Vector3;
 
 use super::KeypointProblem;
+use crate::world::Compiled;
 use crate::{Bodies, ObjectJoint, Options, ProblemError, SolverConfig};
 
 /// Builds a [`KeypointProblem`]; [`KeypointProblemBuilder::build`] validates it.
@@ -31,6 +32,7 @@ impl KeypointProblem {
             world: Pose::identity(),
             bodies: Bodies::default(),
             options: Options::default(),
+            compiled: Arc::default(),
         })
     }
 
@@ -109,7 +111,14 @@ impl KeypointProblemBuilder {
 
     /// Sets the bodies around the robot: obstacles, targets and attached bodies.
     pub fn bodies(mut self, bodies: impl Into<Bodies>) -> Self {
-        self.0.bodies = bodies.into();
+        (self.0.bodies, self.0.compiled) = (bodies.into(), Arc::default());
+        self
+    }
+
+    /// Sets the bodies of a scene; `bodies` may have other roles. What the scene has prepared for collision checks is
+    /// shared.
+    pub(crate) fn bodies_of(mut self, bodies: Bodies, compiled: &Arc<OnceLock<Compiled>>) -> Self {
+        (self.0.bodies, self.0.compiled) = (bodies, Arc::clone(compiled));
         self
     }
 

@@ -1,7 +1,7 @@
 //! The planning problem: a robot, a config, keypoints, the object's joint, obstacles and options.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use gensim2_geometry::{Pose, Robot};
 use nalgebra::Vector3;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::checked::checked_when_read;
 use crate::config::Constraint;
 use crate::model::{MAX_JOINTS, Model, Row};
-use crate::world::Schedule;
+use crate::world::{Compiled, Schedule};
 use crate::{Bodies, Body, ObjectJoint, Options, ProblemError, Role, Scene, SolverConfig};
 
 mod build;
@@ -34,6 +34,9 @@ pub struct KeypointProblem {
     pub(crate) world: Pose,
     pub(crate) bodies: Bodies,
     pub(crate) options: Options,
+    /// The robot and the bodies prepared for fast collision checks, shared with the scene and by changed problems.
+    #[serde(skip)]
+    pub(crate) compiled: Arc<OnceLock<Compiled>>,
 }
 
 checked_when_read!(KeypointProblem);

@@ -132,7 +132,8 @@ impl Scene {
     pub(crate) fn of(problem: &KeypointProblem) -> Self {
         let moves = problem.bodies.iter().filter(|b| b.role == Role::MovingLink).map(|b| b.name.clone());
         let joint = problem.joint.map(|joint| SceneJoint { name: "joint".to_owned(), joint, moves: moves.collect() });
-        Self::of_parts(Arc::clone(&problem.robot), problem.bodies.clone(), joint.into_iter().collect())
+        let scene = Self::of_parts(Arc::clone(&problem.robot), problem.bodies.clone(), joint.into_iter().collect());
+        Self { compiled: Arc::clone(&problem.compiled), ..scene }
     }
 
     /// The robot.
@@ -215,7 +216,7 @@ impl Scene {
         joint: Option<&str>,
     ) -> Result<KeypointProblemBuilder, ProblemError> {
         let problem = KeypointProblem::builder(Arc::clone(&self.robot), config, q_start)
-            .bodies(self.bodies_about(joint)?)
+            .bodies_of(self.bodies_about(joint)?, &self.compiled)
             .tool_keypoints(self.tool_keypoints())
             .object_keypoints(self.object_keypoints());
         Ok(match joint {
@@ -373,5 +374,42 @@ impl Scene {
     #[must_use]
     pub fn checker(&self) -> Checker<'_> {
         Checker::new(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gensim2_geometry::{Convex, Joint, Link};
+
+    use super::*;
+    use crate::ObjectJointKind;
+    use crate::config::Constraint;
+
+    #[test]
+    fn a_problem_shares_what_its_scene_has_prepared_until_its_bodies_change() {
+        let cube = || Convex::cuboid([0.05; 3], &Pose::identity()).unwrap();
+        let slide = Joint::prismatic("x", Vector3::x()).limits(-2.0, 2.0).velocity(1.0);
+        let robot = Robot::builder("cart")
+            .link(Link::base("rail"))
+            .link(Link::below("rail", "cart").moved_by(slide).shape(cube()))
+            .build("cart")
+            .unwrap();
+        let drawer = Body::builder("drawer", Role::Rigid).shape(cube()).keypoint("knob", Vector3::zeros());
+        let drawer = drawer.pose(Pose::translation(1.0, 0.0, 0.0)).build().unwrap();
+        let axis =
+            ObjectJoint::new(ObjectJointKind::Prismatic, Vector3::zeros(), Vector3::x(), 0.0, [0.0, 0.5]).unwrap();
+        let joint = SceneJoint::new("slide", axis, vec!["drawer".to_owned()]);
+        let scene = Scene::new(Arc::new(robot), vec![drawer.clone()], vec![joint]).unwrap();
+        let config = SolverConfig::builder().constraint(Constraint::point("tip", "drawer/knob", 1e-3)).build().unwrap();
+        // The moved body has another role in the problem, but the same shapes in the same places.
+        let problem = scene.problem(config, vec![0.0], Some("slide")).unwrap();
+        let problem = problem.tool_keypoint("tip", Vector3::zeros()).build().unwrap();
+        assert!(problem.bodies()[0].role() == Role::MovingLink && !problem.scene().is_ready());
+        assert!(!problem.scene().checker().hits(&[0.0]).unwrap());
+        let later = problem.with_start(vec![0.1], None, None, 0.0).unwrap();
+        assert!(scene.is_ready() && later.scene().is_ready());
+        let near = drawer.placed(Role::MovingLink, Pose::translation(0.05, 0.0, 0.0)).unwrap();
+        let changed = problem.changed().bodies(vec![near]).build().unwrap();
+        assert!(!changed.scene().is_ready() && changed.scene().checker().hits(&[0.0]).unwrap());
     }
 }
