@@ -1,4 +1,4 @@
-//! QPs of the solver's size by both solvers, and a whole plan: `cargo bench -p gensim2-benches --bench solver`.
+//! A QP of the solver's size, and a whole plan: `cargo bench -p gensim2-benches --bench solver`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::hint::black_box;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use gensim2_geometry::{Convex, Pose, Robot};
-use gensim2_kpam::qp::{ActiveSet, Bound, InteriorPoint, Qp, QpSolver};
+use gensim2_kpam::qp::{ActiveSet, Bound, Qp};
 use gensim2_kpam::{Body, KeypointProblem, MAX_JOINTS, Role, Row, SolverConfig, plan};
 use nalgebra::Vector3;
 
@@ -38,7 +38,6 @@ fn qps(c: &mut Criterion) {
     let qp = Qp { n: 7, hessian: &hessian, gradient: &gradient, bounds: &bounds };
     let mut dense = ActiveSet::default();
     c.bench_function("QP of a step, dense active set", |b| b.iter(|| dense.solve(black_box(&qp))));
-    c.bench_function("QP of a step, Clarabel", |b| b.iter(|| InteriorPoint.solve(black_box(&qp))));
 }
 
 /// A six-joint arm over a table.

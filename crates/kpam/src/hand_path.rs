@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
-use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
+use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, smallest_step};
 use crate::timing::Spline;
 
 /// Maximum translation (m) and rotation (rad) of the hand between two waypoints.

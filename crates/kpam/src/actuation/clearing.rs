@@ -2,7 +2,7 @@
 
 use super::{ActuationSearch, Candidate};
 use crate::model::{MAX_JOINTS, Row};
-use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
+use crate::qp::{Bound, Qp, QpOutcome};
 use crate::world::Clearance;
 
 /// Maximum number of steps for one pose.

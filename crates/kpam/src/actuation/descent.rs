@@ -7,7 +7,7 @@ use super::bands::{INSIDE, axis_bands};
 use super::projection::STEP;
 use super::{ActuationSearch, Candidate};
 use crate::model::{MAX_JOINTS, Row, Weighed};
-use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
+use crate::qp::{Bound, Qp, QpOutcome};
 use gensim2_geometry::Pose;
 
 /// Maximum number of SQP iterations.

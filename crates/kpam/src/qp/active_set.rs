@@ -1,7 +1,7 @@
 //! Dual active-set method of Goldfarb and Idnani (1983): starts at the unconstrained minimum and adds violated bounds
 //! one by one. Its loop allocates no memory, and it distinguishes infeasible programs from failures.
 
-use super::{Bound, Qp, QpOutcome, QpSolver, dot};
+use super::{Bound, Qp, QpOutcome, dot};
 use crate::model::{MAX_JOINTS, Row};
 
 /// A bound with ends closer to each other than this counts as an equality.
@@ -203,10 +203,9 @@ impl ActiveSet {
         }
         None
     }
-}
 
-impl QpSolver for ActiveSet {
-    fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
+    /// Solves a quadratic program.
+    pub fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
         if !qp.fits() {
             return QpOutcome::Failed;
         }

@@ -35,7 +35,7 @@ pub(crate) fn smallest_step<const M: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+    use crate::qp::{ActiveSet, Bound, Qp, QpOutcome};
     use proptest::prelude::*;
 
     proptest! {

@@ -4,7 +4,7 @@ use super::joint::Settled;
 use super::pairs::Pair;
 use super::task::Cost;
 use crate::model::{MAX_JOINTS, Row};
-use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+use crate::qp::{ActiveSet, Bound, Qp, QpOutcome};
 
 /// The velocities to which the variables settle after a step.
 #[derive(Debug)]
