@@ -399,7 +399,7 @@ impl PyScene {
         is_reach(max_distance, "max_distance")?;
         let q = self.rows(q)?;
         let single = q.count.is_none();
-        let found: Vec<f64> = self.each(py, q, false, move |checker, row| checker.distance(row, max_distance))?;
+        let found: Vec<f64> = self.each(py, q, move |checker, row| checker.distance(row, max_distance))?;
         if single {
             return Ok(found[0].into_pyobject(py)?.into_any());
         }
@@ -413,7 +413,7 @@ impl PyScene {
         is_reach(reach, "reach")?;
         let q = self.rows(q)?;
         let single = q.count.is_none();
-        let found: Vec<Vec<Nearness>> = self.each(py, q, true, move |checker, row| checker.near(row, reach))?;
+        let found: Vec<Vec<Nearness>> = self.each(py, q, move |checker, row| checker.near(row, reach))?;
         if single {
             return listed(py, &found[0]);
         }
@@ -461,16 +461,15 @@ impl PyScene {
     }
 
     /// Whether a check is faster than starting an interruptible thread: there are few configurations, and the scene is
-    /// prepared (also its bodies, if `places` is set because the check measures distances).
-    fn is_quick(&self, q: &JointRows, places: bool) -> bool {
-        let (scene, bodies) = (&self.0, self.0.bodies());
-        let ready = scene.is_ready() && (!places || bodies.is_ready());
-        q.rows().len() <= FEW && (ready || bodies.iter().map(|b| b.shapes().len()).sum::<usize>() < LONG)
+    /// prepared or small.
+    fn is_quick(&self, q: &JointRows) -> bool {
+        let shapes = || self.0.bodies().iter().map(|b| b.shapes().len()).sum::<usize>();
+        q.rows().len() <= FEW && (self.0.is_ready() || shapes() < LONG)
     }
 
     /// Returns whether any pair overlaps, for each row of joints.
     fn hits(&self, py: Python<'_>, q: JointRows) -> PyResult<Vec<bool>> {
-        let (scene, quick) = (self.0.clone(), self.is_quick(&q, false));
+        let (scene, quick) = (self.0.clone(), self.is_quick(&q));
         let look = move |cancel: &Cancel| {
             let mut checker = scene.checker();
             let rows: Vec<&[f64]> = q.rows().collect();
@@ -485,15 +484,14 @@ impl PyScene {
         found.map_err(|e| from_problem(&e))
     }
 
-    /// Computes `ask` for each row of joints. `places` tells whether `ask` needs the bodies prepared for distances.
+    /// Computes `ask` for each row of joints.
     fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,
         q: JointRows,
-        places: bool,
         ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Send + 'static,
     ) -> PyResult<Vec<T>> {
-        let (scene, quick) = (self.0.clone(), self.is_quick(&q, places));
+        let (scene, quick) = (self.0.clone(), self.is_quick(&q));
         let look = move |cancel: &Cancel| {
             let mut checker = scene.checker();
             q.rows()

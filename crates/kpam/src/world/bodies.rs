@@ -44,12 +44,6 @@ impl Bodies {
         }
         Ok(())
     }
-
-    /// Whether queries that return positions need no preparation, see [`crate::Scene::is_ready`].
-    #[must_use]
-    pub fn is_ready(&self) -> bool {
-        self.0.obstacles.get().is_some()
-    }
 }
 
 impl From<Vec<Body>> for Bodies {

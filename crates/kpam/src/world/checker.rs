@@ -1,13 +1,14 @@
 //! Collision checks of many configurations without contact rules.
 
-use gensim2_geometry::{Batch, LANES, MovingShapes, Needs, Obstacles, Other, Pose, Scratch, Target};
+use std::collections::BTreeMap;
+
+use gensim2_geometry::{Batch, Contact, LANES, Needs, Other, Pose};
 use nalgebra::{Point3, center};
 
+use super::Scene;
 use super::compiled::Compiled;
-use super::rules::{CollisionObjects, Group};
-use super::{EXACT, Scene};
+use crate::ProblemError;
 use crate::error::for_each_joint;
-use crate::{ProblemError, Role};
 
 /// Two bodies that are close to each other or overlap.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,36 +31,15 @@ pub struct Checker<'s> {
     world: &'s Compiled,
     needs: Needs,
     batch: Batch,
-    suspects: Vec<(usize, Other)>,
+    /// Groups and bodies that may be too close, each with a lower bound of their distance (m).
+    suspects: Vec<(usize, Other, f32)>,
     poses: Vec<Pose>,
-    /// Shapes for exact queries that also return positions, created on first use.
-    full: Option<Full<'s>>,
-}
-
-/// Shapes for exact queries that also return positions.
-struct Full<'s> {
-    objects: CollisionObjects<'s>,
-    shapes: MovingShapes<'s>,
-    obstacles: &'s Obstacles,
-    all: Vec<usize>,
-    moving: Vec<usize>,
-    pairs: Vec<usize>,
-    grasps: Vec<Pose>,
-    scratch: Scratch,
 }
 
 impl<'s> Checker<'s> {
     pub(super) fn new(scene: &'s Scene) -> Self {
         let world = scene.compiled();
-        Self {
-            scene,
-            world,
-            needs: world.needs(0.0),
-            batch: Batch::default(),
-            suspects: Vec::new(),
-            poses: Vec::new(),
-            full: None,
-        }
+        Self { scene, world, needs: world.needs(0.0), batch: Batch::default(), suspects: Vec::new(), poses: Vec::new() }
     }
 
     fn fits(&self, q: &[f64]) -> Result<(), ProblemError> {
@@ -75,7 +55,7 @@ impl<'s> Checker<'s> {
         self.suspects.clear();
         let suspects = &mut self.suspects;
         screen.survey(&mut self.batch, &self.needs, reach as f32 + 1e-6, |s| {
-            suspects.push((s.group, s.other));
+            suspects.push((s.group, s.other, s.gap[0]));
             true
         });
         if !self.suspects.is_empty() {
@@ -90,7 +70,7 @@ impl<'s> Checker<'s> {
     /// `q` has the wrong length, or an entry is not finite.
     pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
         self.place(q, 0.0)?;
-        Ok(!self.suspects.iter().all(|(group, other)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
+        Ok(!self.suspects.iter().all(|(group, other, _)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
     }
 
     /// Returns whether any pair overlaps at each of up to [`LANES`] full joint vectors, which are screened together.
@@ -142,7 +122,7 @@ impl<'s> Checker<'s> {
     pub fn distance(&mut self, q: &[f64], max_distance: f64) -> Result<f64, ProblemError> {
         self.place(q, max_distance)?;
         let mut least = max_distance;
-        for (group, other) in &self.suspects {
+        for (group, other, _) in &self.suspects {
             least = least.min(self.world.screen.distance(*group, *other, &self.poses, least.max(0.0)));
         }
         Ok(least)
@@ -154,73 +134,28 @@ impl<'s> Checker<'s> {
     /// As [`Checker::hits`].
     pub fn near(&mut self, q: &[f64], reach: f64) -> Result<Vec<Nearness>, ProblemError> {
         self.place(q, reach)?;
-        if self.suspects.is_empty() {
-            return Ok(Vec::new());
+        let screen = &self.world.screen;
+        // The likely closest shapes of a body are measured first, and shapes that are certainly further away are skipped.
+        self.suspects.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let mut found: BTreeMap<_, (Other, Contact)> = BTreeMap::new();
+        for &(group, other, gap) in &self.suspects {
+            let pair = if let Other::Pair(pair) = other { Some(pair) } else { None };
+            let pair = (group, screen.body(other), pair);
+            let least = found.get(&pair).map_or(reach, |(_, contact)| contact.distance);
+            if f64::from(gap) > least {
+                continue;
+            }
+            if let Some(contact) = screen.contact(group, other, &self.poses, least, None) {
+                found.insert(pair, (other, contact));
+            }
         }
-        let (scene, world) = (self.scene, self.world);
-        let full = self.full.get_or_insert_with(|| Full::new(scene, world));
-        let mut out = full.near(&self.poses, reach);
+        let near = found.into_iter().map(|((group, ..), (other, contact))| {
+            let [first, second] = self.world.named(self.scene, group, other);
+            let point = center(&contact.on_first, &contact.on_second);
+            Nearness { first, second, distance: contact.distance, point }
+        });
+        let mut out: Vec<Nearness> = near.collect();
         out.sort_by(|a, b| a.distance.total_cmp(&b.distance));
         Ok(out)
-    }
-}
-
-impl<'s> Full<'s> {
-    fn new(scene: &'s Scene, world: &'s Compiled) -> Self {
-        let robot = &**scene.robot();
-        let checked = world.screen.pairs();
-        let objects =
-            CollisionObjects::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |_, _| true);
-        let shapes = MovingShapes::new(objects.groups.iter().map(|g| match g {
-            Group::Link(l) => robot.links()[*l].shapes(),
-            Group::Riding(b) | Group::Moved(b) => &scene.bodies()[*b].shapes,
-        }));
-        let grasps = objects
-            .groups
-            .iter()
-            .map(|g| match g {
-                Group::Riding(b) => scene.bodies()[*b].pose,
-                Group::Link(_) | Group::Moved(_) => Pose::identity(),
-            })
-            .collect();
-        Self {
-            all: (0..objects.groups.len()).collect(),
-            moving: (0..objects.groups.len()).filter(|g| !world.carriers[*g].is_empty()).collect(),
-            pairs: (0..objects.pairs.len()).filter(|p| checked.contains(&objects.pairs[*p])).collect(),
-            objects,
-            shapes,
-            obstacles: scene.bodies().obstacles(),
-            grasps,
-            scratch: Scratch::remembering(),
-        }
-    }
-
-    fn near(&mut self, links: &[Pose], reach: f64) -> Vec<Nearness> {
-        let hand = links[self.objects.robot.hand()];
-        self.shapes.place(&self.all, &mut self.scratch, |poses| {
-            poses.clear();
-            poses.extend_from_slice(links);
-            for grasp in &self.grasps[links.len()..] {
-                poses.push(hand * grasp);
-            }
-        });
-        let mut out = Vec::new();
-        let objects = &self.objects;
-        let mut tell = |p: &gensim2_geometry::Proximity| {
-            let second = match p.target {
-                Target::Body(b) => objects.bodies[b].name.as_str(),
-                Target::Group(g) => objects.name(g),
-            };
-            out.push(Nearness {
-                first: objects.name(p.group).to_owned(),
-                second: second.to_owned(),
-                distance: p.contact.distance,
-                point: center(&p.contact.on_first, &p.contact.on_second),
-            });
-            true
-        };
-        self.shapes.near_bodies(&self.moving, self.obstacles, &mut self.scratch, EXACT, |_, _| reach, |p| tell(&p));
-        self.shapes.near_pairs(&objects.pairs, &self.pairs, &mut self.scratch, EXACT, |_| reach, |_, p| tell(&p));
-        out
     }
 }
