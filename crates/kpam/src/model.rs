@@ -14,6 +14,11 @@ pub const MAX_JOINTS: usize = 16;
 /// Positions, velocities or a Jacobian row of the joints that planning moves; unused entries at the end are zero.
 pub type Row = [f64; MAX_JOINTS];
 
+/// Returns the point on the straight line from `a` to `b` after a share of the line.
+pub(crate) fn between(a: &Row, b: &Row, share: f64) -> Row {
+    std::array::from_fn(|v| a[v] + (b[v] - a[v]) * share)
+}
+
 /// The joints that planning moves, as independent variables. Mimic joints are not variables: they follow the variables
 /// through [`Model::map`], and their limits bound the variables that drive them.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@ use gensim2_geometry::Draws;
 
 use super::planner::Planner;
 use crate::Scene;
-use crate::model::{MAX_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::transit::{Field, Searches, effort_along};
 use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
@@ -155,7 +155,7 @@ pub(super) fn way_out(
         // Each overlapping pair is tracked separately: once it is separated, it must stay separated.
         let mut before = world.overlaps(State::still(start), segment);
         let lessens = (1..=steps).all(|i| {
-            let next = world.overlaps(State::still(&between(n, start, &end, i as f64 / steps as f64)), segment);
+            let next = world.overlaps(State::still(&between(start, &end, i as f64 / steps as f64)), segment);
             let less = !world.cut_short() && next.iter().all(|overlap| overlap.lessens(&before));
             before = next;
             less
@@ -165,14 +165,6 @@ pub(super) fn way_out(
         }
     }
     None
-}
-
-fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
-    let mut out = *a;
-    for v in 0..n {
-        out[v] = a[v] + s * (b[v] - a[v]);
-    }
-    out
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use gensim2_geometry::{Batch, LANES, Other, Pose, Suspect};
 
 use super::NoMotion;
 use super::path::Along;
-use crate::model::{MAX_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::world::{Compiled, Required};
 use crate::{Cancel, Scene};
 
@@ -219,20 +219,12 @@ impl<'s> Field<'s> {
     pub fn is_edge_free(&mut self, a: &Row, b: &Row) -> bool {
         let steps = ((self.length(a, b) / self.resolution).ceil() as usize).max(1);
         let batches = steps.div_ceil(LANES);
-        let n = self.model.n();
         for batch in 0..batches {
             let mut count = 0;
             // Every batch is spread along the whole edge; the first batch includes the last configuration.
             let mut k = steps - batch;
             loop {
-                let share = k as f64 / steps as f64;
-                let row = &mut self.rows[count];
-                *row = *b;
-                if k < steps {
-                    for v in 0..n {
-                        row[v] = a[v] + (b[v] - a[v]) * share;
-                    }
-                }
+                self.rows[count] = if k < steps { between(a, b, k as f64 / steps as f64) } else { *b };
                 count += 1;
                 if k <= batches || count == LANES {
                     break;

@@ -22,7 +22,7 @@ use gensim2_geometry::Other;
 use crate::cancel::end_of;
 use crate::default_limits::{assumed_limits, warnings};
 use crate::error::finite;
-use crate::model::{MAX_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::parallel::in_parallel;
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
 use crate::world::{CONTACT, Close, Required};
@@ -320,7 +320,7 @@ impl Transit<'_> {
         let found = path.windows(2).find_map(|pair| {
             (0..=STRAINED).find_map(|k| {
                 let share = f64::from(k) / f64::from(STRAINED);
-                self.overload(&std::array::from_fn(|v| pair[0][v] + share * (pair[1][v] - pair[0][v])))
+                self.overload(&between(&pair[0], &pair[1], share))
             })
         });
         found.map(|overload| NoMotion::Overloaded(overload, "on the path".to_owned()))

@@ -1,7 +1,7 @@
 //! Smooth curves near the corners of a path, as wide as obstacles permit at each corner.
 
 use super::field::Field;
-use crate::model::{Model, Row};
+use crate::model::{Model, Row, between};
 use crate::timing::{Spline, distance};
 
 /// Initial spacing of waypoints (rad or m), which determines how far before and after a corner the curve bends.
@@ -82,14 +82,7 @@ impl<'c> Rounding<'c> {
         for (edge, pair) in self.corners.windows(2).enumerate() {
             let steps = (distance(n, &pair[0], &pair[1]) / self.spacing[edge]).ceil().max(1.0) as usize;
             for k in 1..=steps {
-                let share = k as f64 / steps as f64;
-                let mut x = pair[1];
-                if k < steps {
-                    for v in 0..n {
-                        x[v] = pair[0][v] + (pair[1][v] - pair[0][v]) * share;
-                    }
-                }
-                out.push(x);
+                out.push(if k < steps { between(&pair[0], &pair[1], k as f64 / steps as f64) } else { pair[1] });
                 edge_of.push(edge);
             }
         }

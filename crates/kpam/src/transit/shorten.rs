@@ -1,7 +1,7 @@
 //! Shortens paths: drops vertices, adds shortcuts, then tightens the path.
 
 use super::field::Field;
-use crate::model::Row;
+use crate::model::{Row, between};
 use gensim2_geometry::Draws;
 
 /// Maximum number of shortcut attempts.
@@ -47,11 +47,7 @@ pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, se
                 k += 1;
             }
             let part = if lengths[k] > 0.0 { (left / lengths[k]).min(1.0) } else { 0.0 };
-            let mut x = path[k];
-            for v in 0..n {
-                x[v] += part * (path[k + 1][v] - path[k][v]);
-            }
-            (k, x)
+            (k, between(&path[k], &path[k + 1], part))
         };
         let (s, t) = (draws.unit(), draws.unit());
         let ((i, a), (j, b)) = (place(s.min(t)), place(s.max(t)));
@@ -79,10 +75,7 @@ pub(super) fn tauten(field: &mut Field<'_>, path: &[Row], pace: &Row) -> Option<
         let (before, after) = (effort(n, pace, &a, &x), effort(n, pace, &x, &b));
         let part = before / (before + after).max(1e-12);
         for share in PULLS {
-            let mut y = x;
-            for v in 0..n {
-                y[v] += share * (a[v] + part * (b[v] - a[v]) - x[v]);
-            }
+            let y = between(&x, &between(&a, &b, part), share);
             let saved = before + after - effort(n, pace, &a, &y) - effort(n, pace, &y, &b);
             if saved < SAVES * total || field.is_over() {
                 break;

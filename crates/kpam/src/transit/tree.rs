@@ -6,7 +6,7 @@
 //! A plain search finds shorter paths if long edges suffice.
 
 use super::field::Field;
-use crate::model::{MAX_JOINTS, Row};
+use crate::model::{MAX_JOINTS, Row, between};
 use gensim2_geometry::Draws;
 
 /// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight.
@@ -197,15 +197,8 @@ fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row, manner: Manner) ->
     if length == 0.0 {
         return Grown::Not;
     }
-    let part = |share: f64| {
-        let mut end = *target;
-        for v in 0..n {
-            end[v] = start[v] + (target[v] - start[v]) * share;
-        }
-        end
-    };
     let long = length.min(EDGE);
-    let mut end = if length > EDGE { part(EDGE / length) } else { *target };
+    let mut end = if length > EDGE { between(&start, target, EDGE / length) } else { *target };
     if !pulled(field, &mut end, target, length) {
         return Grown::Not;
     }
@@ -216,7 +209,7 @@ fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row, manner: Manner) ->
     if manner == Manner::Plain || BEGINNING * long < SHORTEST {
         return Grown::Not;
     }
-    let mut end = part(BEGINNING * long / length);
+    let mut end = between(&start, target, BEGINNING * long / length);
     if pulled(field, &mut end, target, length) && field.is_edge_free(&start, &end) {
         tree.push(field, &end, from);
         return Grown::Beginning(tree.nodes.len() - 1);

@@ -1,5 +1,7 @@
 //! Required clearances between pairs of bodies.
 
+use std::collections::BTreeMap;
+
 use super::Overlaps;
 use super::query::Seen;
 use crate::world::TOUCH;
@@ -10,13 +12,22 @@ pub(crate) struct Margins {
     /// Whether pairs that overlap at the start may continue to overlap.
     pub forgiving: bool,
     pub clearance: f64,
-    pub bodies: Vec<((usize, usize), f64)>,
-    pub pairs: Vec<(usize, f64)>,
+    pub bodies: BTreeMap<(usize, usize), f64>,
+    pub pairs: BTreeMap<usize, f64>,
 }
 
 impl Margins {
     pub fn plain(clearance: f64) -> Self {
-        Self { forgiving: true, clearance, bodies: Vec::new(), pairs: Vec::new() }
+        Self { forgiving: true, clearance, bodies: BTreeMap::new(), pairs: BTreeMap::new() }
+    }
+
+    /// Reduces the margin of a group and another body to `margin`, if that is smaller.
+    pub(super) fn reduce(&mut self, group: usize, seen: Seen, margin: f64) {
+        let kept = match seen {
+            Seen::Body(body) => self.bodies.entry((group, body)).or_insert(margin),
+            Seen::Pair(pair) => self.pairs.entry(pair).or_insert(margin),
+        };
+        *kept = kept.min(margin);
     }
 
     /// Returns margins for a motion after the overlaps at the start have ended; they must not occur again.
@@ -32,7 +43,7 @@ impl Margins {
     /// Returns the margin of a group and a fixed body for a required `clearance`.
     pub fn body(&self, known: &Overlaps, group: usize, body: usize, clearance: f64) -> f64 {
         let (start, picked) = known.body(group, body);
-        self.asked(&self.bodies, (group, body), clearance, start, picked)
+        self.asked(self.bodies.get(&(group, body)), clearance, start, picked)
     }
 
     /// Returns the margin of a pair that may overlap by `depth`, or by as much as it overlaps at the start.
@@ -47,13 +58,13 @@ impl Margins {
     /// Returns the margin of a pair of groups.
     pub fn pair(&self, known: &Overlaps, pair: usize) -> f64 {
         let (start, picked) = known.pair(pair);
-        self.asked(&self.pairs, pair, self.clearance, start, picked)
+        self.asked(self.pairs.get(&pair), self.clearance, start, picked)
     }
 
     /// Returns the required distance with tolerance for rounding. A pair that is too close at the start need not move
     /// apart until it has been separated, and an overlap of a picked body may persist.
-    fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, clearance: f64, start: f64, picked: f64) -> f64 {
-        let asked = less.iter().filter(|(k, _)| *k == key).fold(clearance - TOUCH, |least, (_, d)| least.min(*d));
+    fn asked(&self, less: Option<&f64>, clearance: f64, start: f64, picked: f64) -> f64 {
+        let asked = less.map_or(clearance - TOUCH, |less| less.min(clearance - TOUCH));
         let start = if self.forgiving { start } else { f64::INFINITY };
         asked.min(start.min(picked) - TOUCH)
     }

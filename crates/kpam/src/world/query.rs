@@ -232,26 +232,33 @@ impl World<'_> {
                 EXACT,
                 |world, group, seen| world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance)),
                 |_, seen, p| {
-                    let left = p.contact.distance - TOUCH;
-                    match seen {
-                        _ if p.contact.distance < -TOUCH => {}
-                        Seen::Body(body) => out.bodies.push(((p.group, body), left)),
-                        Seen::Pair(pair) => out.pairs.push((pair, left)),
+                    if p.contact.distance >= -TOUCH {
+                        out.reduce(p.group, seen, p.contact.distance - TOUCH);
                     }
                     true
                 },
             );
         }
-        let close = |pair: &usize| robot.is_often_close(self.objects.pairs[*pair], least);
-        out.pairs.extend((0..self.objects.pairs.len()).filter(close).map(|pair| (pair, -TOUCH)));
+        for (pair, groups) in self.objects.pairs.iter().enumerate() {
+            if robot.is_often_close(*groups, least) {
+                out.reduce(groups.0, Seen::Pair(pair), -TOUCH);
+            }
+        }
         out
     }
 
     /// Adds to `margins` the distances in `there` of pairs that overlapped at the start and have been separated.
     pub fn keep_apart(&self, margins: &mut Margins, there: Margins) {
-        let overlapped = |start: f64| start.is_finite();
-        margins.bodies.extend(there.bodies.into_iter().filter(|((g, b), _)| overlapped(self.known.body(*g, *b).0)));
-        margins.pairs.extend(there.pairs.into_iter().filter(|(pair, _)| overlapped(self.known.pair(*pair).0)));
+        for ((group, body), margin) in there.bodies {
+            if self.known.body(group, body).0.is_finite() {
+                margins.reduce(group, Seen::Body(body), margin);
+            }
+        }
+        for (pair, margin) in there.pairs {
+            if self.known.pair(pair).0.is_finite() {
+                margins.reduce(self.objects.pairs[pair].0, Seen::Pair(pair), margin);
+            }
+        }
     }
 
     /// Returns the pairs that may not touch and are closer than `clearance` (m) in a state, and the permitted overlaps.

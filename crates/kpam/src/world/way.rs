@@ -1,7 +1,7 @@
 //! Paths in joint space, and the movement of the joints along them.
 
 use super::{State, World};
-use crate::model::Row;
+use crate::model::{Row, between};
 
 /// Waypoints joined by straight lines in joint space, and the travel of the object's joint at each waypoint (empty if
 /// this joint does not move).
@@ -39,12 +39,8 @@ impl<'w> Way<'w> {
         let k = (t as usize).min(last.saturating_sub(1));
         let next = (k + 1).min(last);
         let part = t - k as f64;
-        let mut x = self.waypoints[k];
-        for (value, end) in x.iter_mut().zip(&self.waypoints[next]) {
-            *value += part * (end - *value);
-        }
         let (from, to) = (self.travel_at(k), self.travel_at(next));
-        (x, from + part * (to - from))
+        (between(&self.waypoints[k], &self.waypoints[next], part), from + part * (to - from))
     }
 }
 
