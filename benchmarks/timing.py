@@ -82,9 +82,9 @@ def random_paths(count: int, seed: int) -> list[tuple[Array, int, Array]]:
 
 
 def on_random_paths(paths: list[tuple[Array, int, Array]], jerk_factor: float) -> None:
-    """Print durations of random paths over toppra's, and what each method costs."""
-    ratios: dict[str, list[float]] = {"reachability": [], "conic": []}
-    cpu: dict[str, list[float]] = {"reachability": [], "conic": [], "toppra": []}
+    """Print durations of random paths as multiples of toppra's, and the CPU times."""
+    ratios: list[float] = []
+    cpu: dict[str, list[float]] = {"retime": [], "toppra": []}
     for waypoints, stop, factors in paths:
         velocity, acceleration = factors * VELOCITY, factors * ACCELERATION
         pieces = [part for part in (waypoints[: stop + 1], waypoints[stop:]) if len(part) > 1]
@@ -94,17 +94,14 @@ def on_random_paths(paths: list[tuple[Array, int, Array]], jerk_factor: float) -
 
         milliseconds, best = spent(reference)
         cpu["toppra"].append(milliseconds)
-        for method, into in ratios.items():
 
-            def ours(w: Array = waypoints, s: int = stop, f: Array = factors, m: str = method) -> kpam.Trajectory:
-                jerk = jerk_factor * f * JERK
-                return kpam.retime(w, f * VELOCITY, f * ACCELERATION, jerk, stops=[s], method=m)[0]  # type: ignore[arg-type]
+        def ours(w: Array = waypoints, s: int = stop, f: Array = factors) -> kpam.Trajectory:
+            return kpam.retime(w, f * VELOCITY, f * ACCELERATION, jerk_factor * f * JERK, stops=[s])[0]
 
-            milliseconds, motion = spent(ours)
-            cpu[method].append(milliseconds)
-            into.append(motion.duration / best)
-    for method, values in ratios.items():
-        show(f"random paths, {method}", values)
+        milliseconds, motion = spent(ours)
+        cpu["retime"].append(milliseconds)
+        ratios.append(motion.duration / best)
+    show("random paths", ratios)
     costs = ", ".join(f"{name} {np.median(values):.2f}" for name, values in cpu.items())
     print(f"    CPU ms a path, medians: {costs}")
 

@@ -1500,7 +1500,6 @@ def retime(
     start_time: float = 0.0,
     position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     braking: Sequence[tuple[float, float, float, float] | None] | None = None,
-    method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
     """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk
     limits. Ctrl-C interrupts the computation.
@@ -1516,7 +1515,6 @@ def retime(
         position_limits: (n,) lower and upper limits within which a moving start must be able to stop.
         braking: (upper, lower, gain, offset) of each joint, or None. Upwards, the joint moves no faster than
             ``-offset + sqrt(gain * (upper - q))``, downwards no faster than ``-offset + sqrt(gain * (q - lower))``.
-        method: "conic" solves a cone program with Clarabel instead, which is slower and gives the same motion.
 
     Returns:
         The motion from the start time on, and the times (N,) at which it passes the waypoints.

@@ -335,9 +335,7 @@ def calls(panda: kpam.Robot, still: kpam.Robot) -> dict[str, Call]:
         "config": Call(lambda config: kpam.SolverConfig(config).to_dict(), given(config=config(let_go=0.05))),
         "retime": Call(
             kpam.retime,
-            given(
-                waypoints=path, **limits, stops=[1], slowest=np.array([0.1, 0.2]), braking=None, method="conic", **start
-            )
+            given(waypoints=path, **limits, stops=[1], slowest=np.array([0.1, 0.2]), braking=None, **start)
             | {"position_limits": (np.full(3, -2.0), np.full(3, 2.0))},
             lambda answer, arguments: check_trajectory(answer[0], np.asarray(arguments["velocity_limits"], float)),
         ),

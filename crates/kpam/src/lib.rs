@@ -106,7 +106,7 @@ pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use servo::{Servo, ServoLimit, ServoOptions, ServoStatus, ServoStep, Target};
 pub use timing::{
-    Braking, CannotStop, Limits, Method, Overload, RetimeOptions, Retimed, Sample, SpeedScale, Trajectory, retime,
+    Braking, CannotStop, Limits, Overload, RetimeOptions, Retimed, Sample, SpeedScale, Trajectory, retime,
 };
 pub use transit::{
     Approached, Goal, IkOptions, MAX_SOLUTIONS, Motion, NoMotion, PathTolerance, TimedMotion, TransitOptions,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gensim2_kpam::{Braking, Cancel, Limits, Method, RefineOptions, RetimeOptions, SpeedScale, Trajectory};
+use gensim2_kpam::{Braking, Cancel, Limits, RefineOptions, RetimeOptions, SpeedScale, Trajectory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadwriteArray1, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -207,8 +207,7 @@ fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyR
 #[pyfunction]
 #[pyo3(signature = (
     waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,
-    start_velocity = None, start_acceleration = None, start_time = 0.0, position_limits = None, braking = None,
-    method = "reachability"
+    start_velocity = None, start_acceleration = None, start_time = 0.0, position_limits = None, braking = None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn retime<'py>(
@@ -224,7 +223,6 @@ pub(crate) fn retime<'py>(
     start_time: f64,
     position_limits: Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>,
     braking: Option<Vec<Option<[f64; 4]>>>,
-    method: &str,
 ) -> PyResult<(PyTrajectory, Bound<'py, PyAny>)> {
     let limits = Limits::new(
         &convert::list(velocity_limits, "velocity_limits")?,
@@ -260,11 +258,6 @@ pub(crate) fn retime<'py>(
             PyResult::Ok((convert::list(&lower, "position_limits[0]")?, convert::list(&upper, "position_limits[1]")?))
         })
         .transpose()?;
-    options.method = match method {
-        "reachability" => Method::Reachability,
-        "conic" => Method::Conic,
-        other => return Err(problem_error("method", format!("must be reachability or conic, not {other:?}"))),
-    };
     let cancel = Cancel::new();
     options.cancel = Some(cancel.clone());
     let found = interruptible(py, cancel, move |_| gensim2_kpam::retime(&rows, &limits, &options))?;

@@ -12,7 +12,7 @@ use crate::hand_path::Follower;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::timing::{Builder, CannotStop, Dynamics, Limits, Method, Node, can_stop, stop};
+use crate::timing::{Builder, CannotStop, Dynamics, Limits, Node, can_stop, stop};
 use crate::world::{Hit, State, World};
 use crate::{Cancel, KeypointProblem, Scene};
 
@@ -69,7 +69,7 @@ impl<'p> Planner<'p> {
         let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
         let options = &problem.options;
         let start = [model.start(), rates(&options.start_velocity), rates(&options.start_acceleration)];
-        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
+        let mut builder = Builder::new(Limits::of(problem, model), options.start_time)
             .loaded(Dynamics::asked(&problem.robot, model, options))
             .cancelled_by(Some(over.clone()));
         let mut stopping = Vec::new();

@@ -157,7 +157,6 @@ pub(crate) fn keeps(limits: &Limits, room: [&Row; 2], nodes: &[Node]) -> bool {
 mod tests {
     use super::super::spline::Spline;
     use super::super::testing::row;
-    use super::super::time_scaling::Method;
     use super::super::trajectory::Builder;
     use super::super::{stop::stop, to_rest};
     use super::*;
@@ -185,7 +184,7 @@ mod tests {
                 false => to_rest(&limits, &q, &v, &g, &row(&corner)),
             };
             let begin = lead[lead.len() - 1].position;
-            let mut builder = Builder::new(limits, Method::default(), 0.7);
+            let mut builder = Builder::new(limits, 0.7);
             let path = Spline::through(3, &[begin, row(&goal)], None);
             builder.push(&path, &[], &[0.0; MAX_JOINTS], None, &[]).unwrap();
             let along = builder.build(&JointMap::each(3, &q[..3]));
@@ -228,7 +227,7 @@ mod tests {
         let (q, v, still) = (row(&[0.0]), row(&[1.0]), row(&[0.0]));
         let lead = stop(&limits, &q, &v, &still);
         let begin = lead[lead.len() - 1].position;
-        let mut builder = Builder::new(limits, Method::default(), 0.0);
+        let mut builder = Builder::new(limits, 0.0);
         builder.push(&Spline::through(1, &[begin, row(&[2.0])], None), &[], &still, None, &[]).unwrap();
         let along = builder.build(&JointMap::each(1, &[0.0]));
         let far = [&[-1e3; MAX_JOINTS], &[1e3; MAX_JOINTS]];

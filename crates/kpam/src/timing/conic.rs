@@ -1,18 +1,22 @@
-//! Time-optimal speed along a path as a second-order cone program (Verscheure, Demeulenaere, Swevers, De Schutter and
-//! Diehl, "Time-Optimal Path Tracking for Robots: A Convex Optimization Approach", 2009), solved by Clarabel.
+//! Time-optimal speed along a path as a second-order cone program, solved by Clarabel (Verscheure, Demeulenaere,
+//! Swevers, De Schutter and Diehl, "Time-Optimal Path Tracking for Robots: A Convex Optimization Approach", 2009). Tests
+//! check reachability analysis against it.
 //!
 //! Variables: x at each station, c <= sqrt(x) at each station, d >= 1 / (c_i + c_i+1) on each cell. The time of a cell
 //! is 2 Δs d. The path acceleration u follows as (x_i+1 - x_i) / 2 Δs.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
-    DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
-    SupportedConeT, ZeroConeT,
+    DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus, SupportedConeT,
+    ZeroConeT,
 };
+
+use proptest::prelude::*;
 
 use super::grid::Grid;
 use super::limits::Limits;
-use crate::Cancel;
+use super::spline::Spline;
+use super::{reachability, testing};
 
 /// Rows of A x + s = b, with s in a cone, collected as triplets.
 #[derive(Default)]
@@ -36,7 +40,7 @@ impl Rows {
 
 /// Returns the squared path speed x = (ds/dt)² of the fastest motion at each station of the grid. It is `begin` at the
 /// first station and 0 at the last. `None` if no motion exists.
-pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
+fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let ceilings = grid.ceilings(limits, begin);
     // The median ceiling scales x to about 1 along the path. The maximum ceiling is unsuitable: where the path hardly
@@ -97,9 +101,6 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
     let p = CscMatrix::zeros((variables, variables));
     let settings = DefaultSettings { verbose: false, ..DefaultSettings::default() };
     let mut solver = DefaultSolver::new(&p, &q, &a, &rows.b, &cones, settings).ok()?;
-    if let Some(cancel) = cancel.cloned() {
-        solver.set_termination_callback(move |_: &DefaultInfo<f64>| cancel.is_cancelled());
-    }
     solver.solve();
     if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
         return None;
@@ -107,4 +108,37 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
     let mut out: Vec<f64> = solver.solution.x[..=cells].iter().map(|v| v.max(0.0) * unit).collect();
     (out[0], out[cells]) = (begin, 0.0);
     Some(out)
+}
+
+/// Checks that reachability analysis finds a motion through waypoints that takes as long as the solution of the cone
+/// program.
+fn agree(waypoints: &[[f64; 3]]) -> Result<(), TestCaseError> {
+    let limits = Limits::new(&[1.0, 2.0, 1.5], &[4.0, 3.0, 5.0], &[1e5; 3]).unwrap();
+    let rows: Vec<_> = waypoints.iter().map(|values| testing::row(values)).collect();
+    let grid = Grid::new(3, &Spline::through(3, &rows, None), &[]);
+    let duration = |x: Option<Vec<f64>>| -> f64 {
+        let speed: Vec<f64> = x.unwrap().into_iter().map(f64::sqrt).collect();
+        (0..grid.cells()).map(|cell| 2.0 * grid.step(cell) / (speed[cell] + speed[cell + 1])).sum()
+    };
+    let [direct, conic] = [reachability::fastest(&grid, &limits, 0.0), fastest(&grid, &limits, 0.0)].map(duration);
+    prop_assert!((conic / direct - 1.0).abs() < 0.02, "{conic} {direct}");
+    Ok(())
+}
+
+proptest! {
+    #[test]
+    fn reachability_analysis_is_as_fast(waypoints in prop::collection::vec(prop::array::uniform3(-2.0..2.0f64), 2..6)) {
+        agree(&waypoints)?;
+    }
+}
+
+#[test]
+fn reachability_analysis_is_as_fast_where_velocity_allows_any_speed() {
+    // Near its middle waypoint, this path hardly moves any joint, so the maximum x is far greater there.
+    agree(&[
+        [-0.7041559606013992, 0.7335081398911925, 0.0],
+        [-1.571756411584735, 0.6090956407429002, -0.8730807125134804],
+        [0.5219715893610742, 0.8694962914828714, 1.2345207445595956],
+    ])
+    .unwrap();
 }

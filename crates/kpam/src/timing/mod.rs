@@ -1,8 +1,7 @@
 //! Timing: turns joint waypoints into a motion in time that keeps velocity, acceleration and jerk limits everywhere.
 //!
-//! The path is a spline through the waypoints ([`spline`]), and the speed along it is time-optimal ([`reachability`],
-//! or [`conic`] with the solver Clarabel). The motion in time consists of cubics whose maxima have closed forms
-//! ([`time_scaling`], [`motion`]). A moving average over a short time window bounds the jerk ([`limits`]). If the jerk
+//! The path is a spline through the waypoints ([`spline`]), and the speed along it is time-optimal ([`reachability`]).
+//! The motion in time consists of cubics whose maxima have closed forms ([`time_scaling`], [`motion`]). A moving average over a short time window bounds the jerk ([`limits`]). If the jerk
 //! limits would need a long window, the jerk is bounded along the path instead ([`smooth`]): by S-curves on straight
 //! paths ([`profile`]), by a third-order optimum on curved ones ([`third_order`]). Velocity limits may depend on the
 //! joint position ([`envelope`]), and torques are limited for robots with known masses ([`torque`]). A robot that moves
@@ -13,6 +12,7 @@ mod barrier;
 mod blend;
 mod brake;
 mod by_length;
+#[cfg(test)]
 mod conic;
 mod course;
 mod envelope;
@@ -48,7 +48,6 @@ pub(crate) use spline::{Spline, distance, length, rounded};
 pub(crate) use state_to_state::to_rest;
 pub use stop::CannotStop;
 pub(crate) use stop::{Phase, State, can_stop, go_on, stop, stopping};
-pub use time_scaling::Method;
 pub(crate) use torque::Dynamics;
 pub use torque::Overload;
 pub(crate) use trajectory::{Builder, Refusal};

@@ -6,7 +6,6 @@ use super::limits::Limits;
 use super::motion::Node;
 use super::state_to_state::to_rest;
 use super::stop::{CannotStop, can_stop, stop};
-use super::time_scaling::Method;
 use super::trajectory::{Builder, Trajectory};
 use crate::model::{JointMap, MAX_JOINTS};
 use crate::{Cancel, ProblemError};
@@ -27,8 +26,6 @@ pub struct RetimeOptions {
     pub start_time: f64,
     /// Lower and upper position limits (rad or m) within which a moving start must be able to stop.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// Method that computes the speed along the path; unused if jerk limits are too low for a moving average.
-    pub method: Method,
     /// Flag with which another thread ends the computation; `retime` then returns an error.
     pub cancel: Option<Cancel>,
 }
@@ -113,7 +110,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
         None => ([f64::NEG_INFINITY; MAX_JOINTS], [f64::INFINITY; MAX_JOINTS]),
     };
-    let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
+    let mut builder = Builder::new(*limits, options.start_time).cancelled_by(options.cancel.clone());
     let mut stops = options.stops.clone();
     stops.push(last);
     stops.sort_unstable();
@@ -318,16 +315,6 @@ mod tests {
                 }
             }
         }
-
-        #[test]
-        fn the_cone_program_agrees(waypoints in joint_lists(2..6)) {
-            let limits = Limits::new(&[1.0, 2.0, 1.5], &[4.0, 3.0, 5.0], &[1e5, 1e5, 1e5]).unwrap();
-            let direct = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory.end();
-            let options = RetimeOptions { method: Method::Conic, ..RetimeOptions::default() };
-            let conic = retime(&waypoints, &limits, &options).unwrap();
-            check(&conic.trajectory, &limits)?;
-            prop_assert!((conic.trajectory.end() / direct - 1.0).abs() < 0.02, "{} {direct}", conic.trajectory.end());
-        }
     }
 
     #[test]
@@ -390,20 +377,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn the_cone_program_agrees_where_velocity_allows_any_speed() {
-        // Near its middle waypoint, this path hardly moves any joint, so the maximum x is far greater there.
-        let waypoints = vec![
-            vec![-0.7041559606013992, 0.7335081398911925, 0.0],
-            vec![-1.571756411584735, 0.6090956407429002, -0.8730807125134804],
-            vec![0.5219715893610742, 0.8694962914828714, 1.2345207445595956],
-        ];
-        let limits = Limits::new(&[1.0, 2.0, 1.5], &[4.0, 3.0, 5.0], &[1e5, 1e5, 1e5]).unwrap();
-        let direct = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory.end();
-        let options = RetimeOptions { method: Method::Conic, ..RetimeOptions::default() };
-        let conic = retime(&waypoints, &limits, &options).unwrap().trajectory.end();
-        assert!((conic / direct - 1.0).abs() < 0.02, "{conic} {direct}");
     }
 }

@@ -1,6 +1,5 @@
 //! Timing of a path within velocity and acceleration limits.
 
-use super::conic;
 use super::grid::Grid;
 use super::limits::Limits;
 use super::motion::{Node, shares};
@@ -9,17 +8,6 @@ use super::spline::Spline;
 use super::torque::Load;
 use crate::Cancel;
 use crate::model::{MAX_JOINTS, Row};
-
-/// Method that computes the speed along a path.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Method {
-    /// Reachability analysis (Pham and Pham 2018).
-    #[default]
-    Reachability,
-    /// A second-order cone program solved by Clarabel (Verscheure et al. 2009).
-    Conic,
-}
 
 /// Number of rounds in which cells that exceed a limit are computed again with a smaller fraction of this limit.
 const ROUNDS: usize = 6;
@@ -40,7 +28,6 @@ const SHORTEST: f64 = 1e-7;
 /// `slowest` holds the minimum times (s) between waypoints. There is a node at each station of the grid. `None` if the
 /// path cannot be followed from that velocity, or if the caller has cancelled.
 pub(crate) fn drive(
-    method: Method,
     limits: &Limits,
     path: &Spline,
     slowest: &[f64],
@@ -64,10 +51,7 @@ pub(crate) fn drive(
         if cancel.is_some_and(Cancel::is_cancelled) {
             return None;
         }
-        let squares = match method {
-            Method::Reachability => reachability::fastest(&grid, limits, speed * speed)?,
-            Method::Conic => conic::fastest(&grid, limits, speed * speed, cancel)?,
-        };
+        let squares = reachability::fastest(&grid, limits, speed * speed)?;
         nodes = in_time(&grid, &squares, velocity)?;
         worst = [1.0; 2];
         let mut kept = true;

@@ -168,7 +168,6 @@ pub(crate) struct Buffers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::timing::time_scaling::Method;
     use crate::timing::{Builder, Limits, Spline};
     use gensim2_geometry::{Inertia, Joint, Link, Pose};
     use nalgebra::{Matrix3, Vector3};
@@ -205,7 +204,7 @@ mod tests {
         let model = Model::new(robot, &way[0]).unwrap();
         let options = Options { torque_limits: torque, ..Options::default() };
         let dynamics = Dynamics::asked(robot, &model, &options);
-        let mut builder = Builder::new(limits, Method::default(), 0.0).loaded(dynamics);
+        let mut builder = Builder::new(limits, 0.0).loaded(dynamics);
         let rows: Vec<Row> = way.iter().map(|w| model.pick(w)).collect();
         let path = Spline::through(limits.joints(), &rows, None);
         builder.push(&path, &[], &[0.0; MAX_JOINTS], None, &[]).ok()?;

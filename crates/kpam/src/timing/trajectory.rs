@@ -6,7 +6,7 @@ use super::limits::Limits;
 use super::motion::{Node, Piece};
 use super::smooth;
 use super::spline::Spline;
-use super::time_scaling::{Method, drive, stretch};
+use super::time_scaling::{drive, stretch};
 use super::torque::{Dynamics, SAMPLED};
 use crate::checked::checked_when_read;
 use crate::model::{JointMap, MAX_JOINTS, Row};
@@ -68,7 +68,6 @@ pub(crate) struct Builder {
     /// Width (s) of the moving average, and the limits before averaging. `None` if the jerk limits are too low for
     /// averaging; the appended motions then have continuous accelerations themselves.
     averaged: Option<(f64, Limits)>,
-    method: Method,
     cancel: Option<Cancel>,
     dynamics: Option<Dynamics>,
     /// Whether the motion built so far exceeds a torque limit.
@@ -78,11 +77,10 @@ pub(crate) struct Builder {
 }
 
 impl Builder {
-    pub fn new(limits: Limits, method: Method, start: f64) -> Self {
+    pub fn new(limits: Limits, start: f64) -> Self {
         Self {
             limits,
             averaged: limits.averaged(),
-            method,
             cancel: None,
             dynamics: None,
             overloaded: false,
@@ -194,8 +192,8 @@ impl Builder {
         let load = self.dynamics.as_ref().map(|dynamics| (dynamics, room));
         let (mut nodes, of_knot, cubic) = match &self.averaged {
             Some((_, before)) => {
-                let (nodes, grid) = drive(self.method, before, path, slowest, velocity, load, self.cancel.as_ref())
-                    .ok_or_else(|| self.refusal())?;
+                let (nodes, grid) =
+                    drive(before, path, slowest, velocity, load, self.cancel.as_ref()).ok_or_else(|| self.refusal())?;
                 (nodes, grid.station_of, false)
             }
             None => smooth::drive(&self.limits, path, slowest, velocity, load, self.cancel.as_ref())

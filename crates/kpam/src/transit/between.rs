@@ -141,7 +141,7 @@ mod tests {
 
     use super::*;
     use crate::model::{MAX_JOINTS, Model, Row};
-    use crate::timing::{Builder, Limits, Method, Spline};
+    use crate::timing::{Builder, Limits, Spline};
     use crate::world::Compiled;
     use crate::{Cancel, Scene, TransitOptions};
     use gensim2_geometry::Draws;
@@ -194,7 +194,7 @@ mod tests {
                     x
                 })
                 .collect();
-            let mut builder = Builder::new(limits, Method::default(), 0.0);
+            let mut builder = Builder::new(limits, 0.0);
             builder.push(&Spline::through(5, &waypoints, None), &[], &[0.0; MAX_JOINTS], None, &[]).unwrap();
             let motion = builder.build(model.map());
             let over = Cancel::new();

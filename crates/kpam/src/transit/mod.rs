@@ -24,7 +24,7 @@ use crate::default_limits::{assumed_limits, warnings};
 use crate::error::finite;
 use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::parallel::in_parallel;
-use crate::timing::{Builder, Dynamics, Limits, Method, Spline, can_stop, stop};
+use crate::timing::{Builder, Dynamics, Limits, Spline, can_stop, stop};
 use crate::world::{CONTACT, Close, Required};
 use crate::{Cancel, Overload, ProblemError, Scene, Trajectory};
 
@@ -391,7 +391,7 @@ impl Transit<'_> {
     }
 
     fn builder(&self) -> Builder {
-        Builder::new(self.limits, Method::default(), self.options.start_time)
+        Builder::new(self.limits, self.options.start_time)
             .loaded(self.dynamics.clone())
             .cancelled_by(Some(self.over.clone()))
     }
