@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.estimator import between_sides
+from gensim2.perception.estimation.estimator import in_open_drawer
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
@@ -52,14 +52,16 @@ def test_the_keypoint_in_an_open_drawer_lies_between_its_sides(openness: float, 
     found = truth(look)
     across = np.array([-found.joint.axis[1], found.joint.axis[0], 0.0])
     wrong = {HEAD: found.keypoints[HEAD] + 0.02 * across, INSIDE: found.keypoints[INSIDE] + 0.06 * across}
-    again = between_sides(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
-    assert np.linalg.norm(again[INSIDE] - found.keypoints[INSIDE]) == pytest.approx(
-        0.0 if is_moved else 0.06, abs=0.008
-    )
+    again = in_open_drawer(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
+    off = again[INSIDE] - found.keypoints[INSIDE]
+    assert off @ across == pytest.approx(0.0 if is_moved else 0.06, abs=0.008)
+    assert off[2] == pytest.approx(0.0, abs=0.015)
+    # Along the joint it is halfway to the middle of the part that is pulled out.
+    assert (0.005 < off @ found.joint.axis < 0.05) == is_moved
     # The handle need not be in the middle, but it is between the sides.
     assert np.array_equal(again[HEAD], wrong[HEAD])
     wrong[HEAD] = found.keypoints[HEAD] + 0.3 * across
-    again = between_sides(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
+    again = in_open_drawer(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
     assert np.linalg.norm(again[HEAD] - found.keypoints[HEAD]) == pytest.approx(0.0 if is_moved else 0.3, abs=0.008)
 
 

@@ -20,6 +20,9 @@ PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
 MAKES_ROOM = "makes_room"
 """Config field that names another object, which the strategy moves out of the way instead of doing the step."""
 
+CENTERED = 0.25
+"""Factor of :func:`centered`."""
+
 
 @dataclass(frozen=True)
 class KeypointStrategy:
@@ -175,6 +178,21 @@ class PullStrategy(_FoundGrasp):
 
 
 Strategy = KeypointStrategy | GraspStrategy | PullStrategy
+
+
+def centered(strategy: Strategy) -> Strategy:
+    """Return the strategy with point tolerances multiplied by ``CENTERED``; unchanged if it has no such tolerance.
+
+    With the full tolerance, the solver mostly chooses a pose at its edge. Such a pose leaves no margin for errors of an
+    estimated scene, and it differs between similar scenes.
+    """
+    if not isinstance(strategy, KeypointStrategy):
+        return strategy
+    constraints = [
+        {**each, "tolerance": CENTERED * each["tolerance"]} if each["type"] == "point2point_constraint" else each
+        for each in strategy.config["constraint_list"]
+    ]
+    return KeypointStrategy({**strategy.config, "constraint_list": constraints})
 
 
 def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> Strategy:

@@ -56,7 +56,7 @@ class ChainController:
       the robot's current state and velocity.
     - If a grasped object is lost, the step that grasped the object is repeated.
     - If a motion ends but the step's criterion is not met, the same strategy is tried once more, then the next
-      strategy.
+      strategy. A step that grasps the tool of the next step needs only the grasp.
     - If no strategy can be planned, the controller uses a strategy with the field ``makes_room``, which moves an
       obstacle away.
 
@@ -173,7 +173,8 @@ class ChainController:
                     deviation = None
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
-                done = deviation is None and not run.makes_room and turn.is_done(observation.measurement)
+                is_done = turn.is_done(observation.measurement) or self._has_tool_of_next
+                done = deviation is None and not run.makes_room and is_done
                 if deviation is None and not done and self._waited < self._profile.steps(WAIT_SECONDS):
                     self._waited += 1
                     return self._last
@@ -197,6 +198,8 @@ class ChainController:
                 continue
             if self._begin(observation):
                 self._from_rest = False
+            elif self._leaves_placed(observation.measurement):
+                continue
             elif self._is_calm(observation):
                 return None
             else:
@@ -394,6 +397,14 @@ class ChainController:
         return None
 
     @property
+    def _has_tool_of_next(self) -> bool:
+        """Whether the hand holds the object of the current step, which the next step needs. The criterion of a grasp
+        may still be false, because the hand may hold a long object far from its measured keypoint.
+        """
+        following = self._task.steps[self._at + 1 : self._at + 2]
+        return bool(following) and following[0].tool == self._step.object == self._holds
+
+    @property
     def _holds(self) -> str | None:
         return None if self._held is None else self._held.name
 
@@ -413,10 +424,28 @@ class ChainController:
         For example, a cup that was dropped already lies in the box. The hand may be unable to reach the cup there, and
         does not need to reach it.
         """
-        if self._trigger != Cause.GRASP_LOST:
-            return False
+        return self._trigger == Cause.GRASP_LOST and self._skip_placement(measured)
+
+    def _leaves_placed(self, measured: Measurement) -> bool:
+        """Return whether the controller leaves an object that it cannot grasp where it is, and continues with the step
+        after its placement.
+        """
+        return False
+
+    def _skip_placement(self, measured: Measurement, slack: float = 0.0) -> bool:
+        """Continue with the step after the placement of the current step's object, if the object lies where the goal
+        requires. Return whether it does.
+
+        Args:
+            measured: current state.
+            slack: distance (m) by which the object may be farther from its goal than the criterion permits.
+        """
         name, steps = self._step.object, self._task.steps
-        asked = tuple(c for c in self._task.success if isinstance(c, DistanceArticulatedRigid) and c.rigid == name)
+        asked = tuple(
+            c.model_copy(update={"threshold": c.threshold + slack})
+            for c in self._task.success
+            if isinstance(c, DistanceArticulatedRigid) and c.rigid == name
+        )
         after = max((i + 1 for i in range(self._at, len(steps)) if steps[i].tool == name), default=len(steps))
         if not asked or after == len(steps) or not all_hold(asked, measured):
             return False
@@ -447,11 +476,19 @@ class ChainController:
             return None
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
-    def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
+    def _plan(
+        self,
+        scene: Scene,
+        name: str,
+        at_step: int,
+        warm_start: kpam.Plan | None,
+        strategy: Strategy | None = None,
+    ) -> ChainPlan:
+        """Plan the current step with the strategy ``name``, or with a variant of it if ``strategy`` is given."""
         planned = self._planner.plan(
             scene,
             self._step,
-            self._strategies[name],
+            self._strategies[name] if strategy is None else strategy,
             following=self._following(),
             warm_start=warm_start,
             lost=self._lost.get(self._step.object, ()),

@@ -16,11 +16,12 @@ from gensim2.core.processes import WorkerPool
 from gensim2.core.progress import NullProgress
 from gensim2.perception import ObservationSpec
 from gensim2.planning import Scene, StepPlanner
+from gensim2.planning.strategies import CENTERED
 from gensim2.policy.keypose import data, examples
 from gensim2.policy.keypose.data import plan_scenes, read_planned
 from gensim2.policy.keypose.examples import _left_anywhere, draw, other_openness, planned_way
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
-from gensim2.policy.keypose.teaching import CENTERED, pulls_last
+from gensim2.policy.keypose.teaching import pulls_last
 from gensim2.robots import robot
 from gensim2.rollout.inputs import TaskInput, read_task_input
 from gensim2.rollout.worker import parsed, simulator

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+import gensim2_kpam as kpam
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.estimation.estimator import (
     BUILTIN,
@@ -23,6 +24,8 @@ from gensim2.perception.estimation.estimator import (
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.noise import read_noise
+from gensim2.planning.scene import Scene
+from gensim2.planning.strategies import Strategy, centered
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
@@ -31,8 +34,11 @@ from gensim2.rollout.record import Cause, StepRecord
 from gensim2.rollout.watch import Held
 from gensim2.scenes.arguments import as_task
 from gensim2.tasks.library import load_strategies
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import Step, TaskSpec
 
+SLACK = 0.03
+"""Maximum excess (m) of the distance of an object from its goal if the controller leaves the object there."""
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 
@@ -60,7 +66,7 @@ class _Chain(ChainController):
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
         super().reset(observation, seed)
-        self.is_finished = False
+        self.is_finished = self.has_left_object = False
 
     def resume(self, last: Action, *, from_start: bool = False) -> None:
         """Plan again after the controller has already ended the episode as successful. Call this method if a new
@@ -87,6 +93,32 @@ class _Chain(ChainController):
     def step(self) -> Step:
         """Current step."""
         return self._step
+
+    def _plan(
+        self,
+        scene: Scene,
+        name: str,
+        at_step: int,
+        warm_start: kpam.Plan | None,
+        strategy: Strategy | None = None,
+    ) -> ChainPlan:
+        """Plan the current step. A grasped object is placed near the middle of the strategy's tolerance if possible,
+        because the estimated goal has an error.
+        """
+        given = self._strategies[name]
+        if strategy is None and scene.held is not None and (middle := centered(given)) is not given:
+            plan = super()._plan(scene, name, at_step, warm_start, middle)
+            if plan.is_best:
+                return plan
+        return super()._plan(scene, name, at_step, warm_start, strategy)
+
+    def _leaves_placed(self, measured: Measurement) -> bool:
+        """An object that cannot be grasped again is left where it is, if its goal is within the error of the estimates.
+        For example, the lid can be closed over it.
+        """
+        left = self._skip_placement(measured, SLACK)
+        self.has_left_object |= left
+        return left
 
     def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         # Only the fingers are observed during a motion, and only they show whether a grasped object is lost.
@@ -233,7 +265,7 @@ class PerceivingChain:
             assert self._last is not None
             self._checks_goal = False
             q = observation.joint_positions.astype(np.float64)
-            if self._goal.is_reached(q, distrust=0.0):
+            if self._chain.has_left_object or self._goal.is_reached(q, distrust=0.0):
                 return None
             self._chain.resume(self._last, from_start=self._goal.is_displaced(q))
         action = self._chain.act(self._with_belief(observation))

@@ -62,6 +62,10 @@ OPEN_ENOUGH = 0.4
 """Minimum estimated openness of a sliding part at which its visible points show its width."""
 EDGES = (0.05, 0.95)
 """Quantiles of the points that count as the left and the right edge of a sliding part."""
+FRONT = 0.9
+"""Quantile of the points along the joint that counts as the front of a sliding part, in spite of its handle."""
+INSIDE_HEIGHT, MOST_RAISED = 0.4, 0.06
+"""Height of the keypoint inside a drawer as a fraction of the height of its sides, and maximum correction (m)."""
 MOST_TURNED = 0.6
 """Maximum correction of a revolute joint's value that the surfaces of the moving part may cause, rad."""
 
@@ -304,7 +308,7 @@ class SceneEstimator:
         )
         keypoints = dict(zip(kind.keypoints, found["places"][1:], strict=False))
         if self.refine and kind.joint_type == "prismatic" and len(kind.keypoints) > 1 and kind.moving[-1]:
-            keypoints = between_sides(keypoints, xyz[rows[moving]], joint)
+            keypoints = in_open_drawer(keypoints, xyz[rows[moving]], joint)
         T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
         T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
         T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
@@ -328,12 +332,15 @@ class SceneEstimator:
         )
 
 
-def between_sides(keypoints: Mapping[str, Array], moving: Points, joint: JointEstimate) -> dict[str, Array]:
-    """Return the keypoints of a drawer, moved sideways according to the two sides of the drawer. Return them unchanged
-    if the joint is not horizontal, if the drawer is hardly open, or if it has too few points.
+def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointEstimate) -> dict[str, Array]:
+    """Return the keypoints of a drawer, corrected by the points of the open drawer. Return them unchanged if the joint
+    is not horizontal, if the drawer is hardly open, or if it has too few points.
 
-    The last keypoint, which is inside the drawer, is moved to the middle between the sides. Other keypoints, such as
-    the handle, are moved to the middle only if they are not between the sides.
+    The last keypoint, which is inside the drawer, is moved sideways to the middle between the sides, and to a fixed
+    fraction of the height of the sides if it is less than ``MOST_RAISED`` away from there. Along the joint, it becomes
+    the mean of two points: the estimated one, which in generated drawers is the middle of the whole drawer, and the
+    middle of the part that is pulled out, which is the keypoint of most real drawers. Other keypoints, such as the
+    handle, are moved sideways to the middle only if they are not between the sides.
 
     The half of the points that lies farthest in the direction of opening shows the front and both sides. The other half
     often contains points of the cabinet.
@@ -348,11 +355,20 @@ def between_sides(keypoints: Mapping[str, Array], moving: Points, joint: JointEs
     across = np.array([-joint.axis[1], joint.axis[0], 0.0])
     across /= np.linalg.norm(across)
     along = moving @ joint.axis
-    left, right = np.quantile(moving[along >= np.median(along)] @ across, EDGES)
+    outer = moving[along >= np.median(along)]
+    left, right = np.quantile(outer @ across, EDGES)
+    bottom, top = np.quantile(outer[:, 2], EDGES)
+    front = float(np.quantile(along, FRONT))
     found = {}
     for name, at in keypoints.items():
-        is_between = left <= at @ across <= right and name != list(keypoints)[-1]
+        is_inside = name == list(keypoints)[-1]
+        is_between = left <= at @ across <= right and not is_inside
         found[name] = at if is_between else at + (0.5 * (left + right) - at @ across) * across
+        if is_inside:
+            raised = bottom + INSIDE_HEIGHT * (top - bottom) - at[2]
+            if abs(raised) < MOST_RAISED:
+                found[name] = found[name] + np.array([0.0, 0.0, raised])
+            found[name] = found[name] + 0.5 * (front - 0.5 * joint.value - at @ joint.axis) * joint.axis
     return found
 
 

@@ -178,7 +178,8 @@ class GoalTracker:
             if found is not None:
                 self._carry(self._before.displacement(found, cloud, is_expected=self._moves_joint))
         T = self.estimator.profile.T_world_base
-        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated, self._carried)
+        floors = {} if self.floor is None else dict.fromkeys(self._above_floor(), self.floor)
+        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated, self._carried, floors)
         self._carried = {name: each for name, each in self._carried.items() if self.rigid.is_hidden(name)}
         if not self.looks and self.rigid.missing:
             name = self.rigid.missing[0]
@@ -233,8 +234,10 @@ class GoalTracker:
         return SceneEstimate((replace(found, points=rows, moving=moving),), others)
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
-        """Return whether the centre of a rigid object lies in the bounding box of the moving part."""
-        if self.track is None:
+        """Return whether the centre of a rigid object lies in the bounding box of the moving part. Only a part with a
+        floor carries objects.
+        """
+        if self.track is None or not self.has_floor:
             return False
         low, high = self._bounds_of(self.track.found.points[self.track.found.moving])
         return bool((low <= thing.center).all() and (thing.center <= high).all())
@@ -268,15 +271,22 @@ class GoalTracker:
         """
         return float(np.median(self._floors)) if self._floors else None
 
+    def _above_floor(self) -> list[str]:
+        """Return the names of the rigid objects whose centre is above the moving part."""
+        if self.track is None:
+            return []
+        low, high = self._bounds_of(self.track.found.points[self.track.found.moving])
+        return [
+            name
+            for name, each in self.rigid.found.items()
+            if (low[:2] <= each.center[:2]).all() and (each.center[:2] <= high[:2]).all()
+        ]
+
     def _rest_on_floor(self) -> None:
         """Raise hidden released objects above the moving part to its floor, which no camera may see."""
-        track, floor = self.track, self.floor
-        if track is None or floor is None:
-            return
-        low, high = self._bounds_of(track.found.points[track.found.moving])
-        for name, each in self.rigid.found.items():
-            if (low[:2] <= each.center[:2]).all() and (each.center[:2] <= high[:2]).all():
-                self.rigid.rest_on(name, floor)
+        if self.floor is not None:
+            for name in self._above_floor():
+                self.rigid.rest_on(name, self.floor)
 
     def _bounds_of(self, rows: npt.NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the lowest and the highest corner (3,) of points of the latest cloud in the world frame, m."""

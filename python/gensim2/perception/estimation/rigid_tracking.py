@@ -35,6 +35,8 @@ CHANGED, CHANGED_SHARE = 0.012, 0.5
 points in the cluster of an object that has moved. The points of the task's rigid objects in the previous cloud do not
 count.
 """
+LIFTED = 0.03
+"""Minimum displacement (m) of the hand since the grasp, before a cloud shows whether the hand holds the object."""
 UNUSUAL = 3.0
 """Additional cost of a cluster for each of these properties: the network considers it a part of the articulated object,
 it is connected to other points, or it does not reach down to the table.
@@ -51,6 +53,8 @@ object slips between the fingers.
 """
 EXCESS = 0.015
 """Maximum excess (m) of a cluster's dimensions over the dimensions of a released object."""
+LEAST_SHOWN = 0.4
+"""Minimum of the two largest dimensions of a cluster, as a fraction of the dimensions of a released object."""
 MAX_ITERATIONS = 20
 """Maximum number of iterations of the fit of a released object."""
 TILTED = 0.8
@@ -81,6 +85,10 @@ class RigidTracker:
         self.found: dict[str, RigidEstimate] = {}
         self.start: dict[str, Array] = {}
         self.held: str | None = None
+        # Whether a cloud has shown the grasped object outside the hand.
+        self._is_left = False
+        # Estimate of the grasped object before the grasp.
+        self._before_grasp: RigidEstimate | None = None
         # Height (m) of the object frame at the release, of each released object that no cloud has shown since.
         self._released: dict[str, float] = {}
         self._hidden: set[str] = set()
@@ -93,12 +101,15 @@ class RigidTracker:
 
     def hold(self, name: str | None, T_world_object: Array | None = None) -> None:
         """Set the grasped object and its pose (4, 4) in the world. Call this method at every control step while the
-        hand holds the object, and once with None after the release.
+        hand holds the object, and once with None after the release. If a cloud has shown the object outside the hand,
+        the pose is ignored, and the estimate stays where the cloud shows the object.
         """
-        if self.held is not None and name != self.held:
-            self._released[self.held] = float(self.found[self.held].T_world_object[2, 3])
-        self.held = name
-        if name is not None and T_world_object is not None:
+        if name != self.held:
+            if self.held is not None and not self._is_left:
+                self._released[self.held] = float(self.found[self.held].T_world_object[2, 3])
+            self.held, self._is_left = name, False
+            self._before_grasp = None if name is None else self.found[name]
+        if name is not None and T_world_object is not None and not self._is_left:
             self.found[name] = self.found[name].at(T_world_object)
 
     def is_hidden(self, name: str) -> bool:
@@ -113,7 +124,13 @@ class RigidTracker:
             by = min(height - float(found.bounds[0, 2]), most)
             self.found[name] = found.moved(np.array([0.0, 0.0, max(0.0, by)]))
 
-    def take_in(self, points: Array, on_articulated: Mask, carried: Collection[str] = ()) -> npt.NDArray[np.int64]:
+    def take_in(
+        self,
+        points: Array,
+        on_articulated: Mask,
+        carried: Collection[str] = (),
+        floors: Mapping[str, float] | None = None,
+    ) -> npt.NDArray[np.int64]:
         """Estimate the objects in a cloud.
 
         Args:
@@ -121,6 +138,7 @@ class RigidTracker:
             on_articulated: (N,) whether the network considers each point a part of the articulated object.
             carried: names of objects in a moving part. They are sought only near their poses, because the part hides
                 them, and parts of the articulated object, such as a knob, may have their dimensions.
+            floors: heights (m) of the floors below released objects, by name. The objects cannot have fallen lower.
 
         Returns:
             Index (N,) of the object that each point shows, in the order of ``shapes``; -1: none of the objects.
@@ -133,23 +151,30 @@ class RigidTracker:
             if self._past is None or not len(self._past)
             else cKDTree(self._past).query(points)[0] > CHANGED
         )
+        self._leave_behind(points)
         for name in self.found:
-            if name == self.held or (name not in self._released and self._is_unmoved(name, points[own < 0])):
+            if name == self.held or (name not in self._released and self._stays(name, points[own < 0])):
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
         inside = [name for name in sought if name in carried]
         released = [name for name in sought if name in self._released and name not in carried]
         unknown = [name for name in sought if name not in inside and name not in released]
         self._place(unknown, points, on_articulated, changed, own)
-        self._place(released, points, on_articulated, changed, own, standing=True)
+        held = [] if self.held is None or self._is_left else [self.held]
+        self._place([*released, *held], points, on_articulated, changed, own, standing=True)
         for names, farthest in ((released, FARTHEST_DROP), (inside, FARTHEST_ROLL)):
             for name in [each for each in names if (own != self._index(each)).all()]:
-                if self._settle(name, points, changed & (own < 0), farthest):
+                floor = (floors or {}).get(name, 0.0)
+                if self._settle(name, points, changed & (own < 0), farthest, floor):
                     self._claim(name, points, own)
                 elif name not in carried:
                     self._drop(name, points)
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
-        self._past = points[own < 0]
+        rest = own < 0
+        if self.held is not None or self._hidden:
+            # Each new cluster may be an object that is out of sight, so its points stay new until the object is found.
+            rest &= ~_in_new_clusters(points, changed)
+        self._past = points[rest]
         for name, each in self.found.items():
             self.start.setdefault(name, each.T_world_object[:3, 3].copy())
         return own
@@ -162,13 +187,24 @@ class RigidTracker:
         near = cKDTree(self.found[name].samples).query(points)[0] < ON_OBJECT
         own[near & (own < 0)] = self._index(name)
 
-    def _is_unmoved(self, name: str, points: Array) -> bool:
-        """Return whether points lie on an object at its last pose."""
+    def _stays(self, name: str, points: Array) -> bool:
+        """Return whether points show an object at its last pose. Points about another object count only if there are no
+        others, because one object may lie on another.
+        """
+        apart = np.ones(len(points), dtype=bool)
+        for other in self.found.keys() - {name}:
+            apart &= cKDTree(self.found[other].samples).query(points)[0] > ABOUT
         found = self.found[name]
-        distances = cKDTree(found.samples).query(points)[0]
-        about = distances[distances < ABOUT]
-        limit = max(UNMOVED * found.error, UNMOVED_ERROR)
-        return len(about) >= LEAST_IN_CLUSTER and float(about.mean()) <= limit
+        return _is_unmoved(found, points[apart]) or _is_unmoved(found, points)
+
+    def _leave_behind(self, points: Array) -> None:
+        """If the cloud shows the grasped object where it was before the grasp, the hand has left it behind."""
+        before = self._before_grasp
+        if self.held is None or before is None or self._is_left:
+            return
+        away = self.found[self.held].T_world_object[:3, 3] - before.T_world_object[:3, 3]
+        if np.linalg.norm(away) > LIFTED and _is_unmoved(before, points):
+            self.found[self.held], self._is_left = before, True
 
     def _place(
         self,
@@ -183,7 +219,8 @@ class RigidTracker:
         """Assign the clusters of the cloud to objects, and fit the objects to their clusters.
 
         With ``standing``, only clusters count that stand on the table and touch nothing else: any other released object
-        has moved little, and :meth:`_settle` looks for it near the place of the release.
+        has moved little, and :meth:`_settle` looks for it near the place of the release. If a grasped object fits such
+        a cluster well, the hand has left it behind.
         """
         if not names:
             return
@@ -217,32 +254,46 @@ class RigidTracker:
         shapes = {name: self.shapes[name] for name in names}
         matches = assigned(shapes, [points[rows] for rows in found], penalties, overlapping)
         for name, (column, number) in matches.items():
-            self.found[name] = fitted(self.shapes[name], points[found[column]], number)
+            cluster = points[found[column]]
+            fit = fitted(self.shapes[name], cluster, number)
+            if name in self.found:
+                # A symmetric object fits in several orientations. Its known orientation is preferred.
+                known = _displaced(self.found[name], cluster)
+                fit = known if known.error <= max(UNMOVED * fit.error, DROPPED_ERROR) else fit
+            if name == self.held:
+                if fit.error > DROPPED_ERROR:
+                    continue
+                # The object cannot be in two places.
+                self._is_left = True
+            self.found[name] = fit
             self._released.pop(name, None)
             own[found[column]] = self._index(name)
             self._claim(name, points, own)
 
-    def _settle(self, name: str, points: Array, changed: Mask, farthest: float) -> bool:
+    def _settle(self, name: str, points: Array, changed: Mask, farthest: float, floor: float) -> bool:
         """Estimate where a released object, or an object in a moving part, has come to rest. Return whether the cloud
         shows the object.
 
-        The points that the previous cloud does not contain show the object, if their dimensions and their shape fit,
-        and if they are within the horizontal distance ``farthest`` (m) of the object's last pose.
+        The points that the previous cloud does not contain show the object, if their dimensions and their shape fit, if
+        they are within the horizontal distance ``farthest`` (m) of the object's last pose, and if they are not below
+        the height ``floor`` (m).
         """
         before = self.found[name]
         height = self._released.get(name, float(before.T_world_object[2, 3]))
         fits = []
         new = points[changed]
-        limit = np.sort(np.ptp(before.bounds, axis=0)) + EXCESS
+        size = np.sort(np.ptp(before.bounds, axis=0))
         for rows in clusters(new):
             part = new[rows]
-            if (np.sort(np.ptp(part, axis=0)) > limit).any():
+            seen = np.sort(np.ptp(part, axis=0))
+            if (seen > size + EXCESS).any() or (seen[1:] < LEAST_SHOWN * size[1:]).any():
                 continue
             fit = _displaced(before, part)
             drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
             away = float(np.linalg.norm(drop))
             rise = float(fit.T_world_object[2, 3]) - height
-            if fit.error <= DROPPED_ERROR and away <= farthest and rise <= MOST_RISE:
+            is_above = float(fit.bounds[0, 2]) >= floor - MOST_RISE
+            if fit.error <= DROPPED_ERROR and away <= farthest and rise <= MOST_RISE and is_above:
                 fits.append((away, fit))
         if fits:
             self.found[name] = min(fits, key=lambda each: each[0])[1]
@@ -258,6 +309,22 @@ class RigidTracker:
         below = below[below <= low[2]]
         support = float(below.max()) if len(below) else 0.0
         self.found[name] = before.moved(np.array([0.0, 0.0, min(0.0, support - float(low[2]))]))
+
+
+def _is_unmoved(found: RigidEstimate, points: Array) -> bool:
+    """Return whether points (N, 3) in the world frame lie on an object at its last pose."""
+    distances = cKDTree(found.samples).query(points)[0]
+    about = distances[distances < ABOUT]
+    limit = max(UNMOVED * found.error, UNMOVED_ERROR)
+    return len(about) >= LEAST_IN_CLUSTER and float(about.mean()) <= limit
+
+
+def _in_new_clusters(points: Array, changed: Mask) -> Mask:
+    """Return which points (N, 3) belong to a cluster that consists mainly of ``changed`` points (N,)."""
+    found = np.zeros(len(points), dtype=bool)
+    for rows in clusters(points):
+        found[rows] = changed[rows].mean() >= CHANGED_SHARE
+    return found
 
 
 def _displaced(found: RigidEstimate, points: Array) -> RigidEstimate:

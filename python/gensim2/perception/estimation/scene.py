@@ -28,6 +28,10 @@ LEAST_HEIGHT = 0.03
 """Minimum height above the table (m) at which the hand pushes an object along the table."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
+DEVIATIONS = 2.0
+"""Extension of the limits of a revolute joint in standard deviations of the joint value, if this is more than
+``BEYOND``. The limits of a sliding part are not extended further, because a pull beyond the end moves the object.
+"""
 
 _TABLE_HULLS = (corners(),)
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
@@ -96,6 +100,8 @@ def scene_object(
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint, beyond = found.joint, BEYOND[found.joint.type]
+    if joint.type == "revolute":
+        beyond = max(beyond, DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower))
     return SceneObject(
         name=name,
         bodies=tuple(bodies),

@@ -21,10 +21,11 @@ from gensim2.core.record_files import Record, parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import scene_seeds
 from gensim2.perception import ObservationSpec
+from gensim2.planning.strategies import CENTERED
 from gensim2.policy.array_file import Expected, read_arrays, require_shapes, write_arrays
 from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.program import KEYPOSES
-from gensim2.policy.keypose.teaching import CENTERED, PATIENCE
+from gensim2.policy.keypose.teaching import PATIENCE
 from gensim2.rollout.counted_objects import hashes
 from gensim2.rollout.inputs import TaskInput
 from gensim2.scenes.config import SceneConfig, SceneRecord

@@ -15,8 +15,9 @@ from gensim2.perception.cloud import to_steps
 from gensim2.perception.raycast.observer import Observer
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
 from gensim2.planning.predict import with_joint
+from gensim2.planning.strategies import centered
 from gensim2.policy.keypose.program import KEYPOSES, program_of
-from gensim2.policy.keypose.teaching import PATIENCE, centered
+from gensim2.policy.keypose.teaching import PATIENCE
 from gensim2.robots import OPEN, RobotProfile, robot
 from gensim2.rollout.worker import parsed, simulator
 from gensim2.scenes.config import SceneConfig

@@ -1,23 +1,14 @@
-"""Change the strategies that create training plans, so that the planner makes similar plans in similar scenes.
-
-:func:`pulls_last` reorders the strategies of a step, and :func:`centered` reduces their tolerances.
-"""
+"""Reorder the strategies that create training plans, so that the planner makes similar plans in similar scenes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from gensim2.planning.strategies import KeypointStrategy, PullStrategy, Strategy
+from gensim2.planning.strategies import PullStrategy
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.worker import parsed
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import with_strategies
-
-CENTERED = 0.25
-"""Fraction of a strategy's tolerance that is tried first when a grasped object is placed. With the full tolerance, the
-solver mostly chooses a pose at its edge, which leaves no margin for errors of a policy and differs between similar
-scenes.
-"""
 
 PATIENCE = 8
 """Number of failed grasps after which a scene is left out. If a scene has a usable grasp, the first one nearly always
@@ -38,14 +29,3 @@ def pulls_last(given: TaskInput) -> TaskInput:
 
     ways = {step.name: {name: given.strategies[name] for name in order(step)} for step in given.spec.steps}
     return replace(given, scene=replace(given.scene, task=with_strategies(given.spec, ways)))
-
-
-def centered(strategy: Strategy) -> Strategy:
-    """Return the strategy with point tolerances multiplied by ``CENTERED``; unchanged if it has no such tolerance."""
-    if not isinstance(strategy, KeypointStrategy):
-        return strategy
-    constraints = [
-        {**each, "tolerance": CENTERED * each["tolerance"]} if each["type"] == "point2point_constraint" else each
-        for each in strategy.config["constraint_list"]
-    ]
-    return KeypointStrategy({**strategy.config, "constraint_list": constraints})
