@@ -13,6 +13,8 @@ from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import Put, Refusal, SentenceError, Step
 from gensim2.objects import Library
 from gensim2.planning.strategies import parse_strategy
+from gensim2.robots import robot
+from gensim2.scenes.initial_state import sample_initial_state
 from gensim2.tasks.library import load_task
 
 ROBOT = "panda"
@@ -122,3 +124,14 @@ def test_impossible_combinations_are_refused(library: Library, sentence: str, re
     with pytest.raises(SentenceError) as caught:
         compose(parse(sentence), library, ROBOT)
     assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize("container", ["safe", "microwave", "box"])
+def test_an_object_can_start_in_an_open_container_beside_a_plate(library: Library, container: str) -> None:
+    task = compose(parse(f"take the lemon out of the {container} and put it on the plate"), library, "panda").task
+    instances = {name: library.choose(each.asset_class, "all") for name, each in task.objects.items()}
+    at = [
+        sample_initial_state(task, library, instances, seed, {key: {} for key in instances}, robot(ROBOT))
+        for seed in (0, 1)
+    ]
+    assert all(set(each.objects) == set(instances) for each in at)

@@ -266,8 +266,6 @@ class _Composition:
             return {articulated[0]: Place()}, beside
         if not articulated:
             return {supports[0]: Place(at=SUPPORT_AT)}, beside
-        if not loose:
-            return {articulated[0]: Place(), supports[0]: Place(at=BESIDE)}, beside
         at, yaw = PAIRED[0]
         return {articulated[0]: Place(at=at, yaw=yaw), supports[0]: Place(at=ASIDE)}, [BESIDE, IN_FRONT]
 
