@@ -1,14 +1,15 @@
 """The eight tasks through the deployed line, with noise, delays and calibration errors drawn each trial.
 
-    python benchmarks/robot_trials.py [--tasks CloseBox ...] [--trials 50] [--plan] [--policy NAME=DIR ...] --out DIR
-        [--speed 0.5] [--force 140] [--pixels 320x240] [--seed 0] [--json OUT]
+    python benchmarks/robot_trials.py [--tasks CloseBox ...] [--trials 50] [--plan [--scene true|perceived|DIR]]
+        [--policy NAME=DIR ...] --out DIR [--speed 0.5] [--force 140] [--pixels 320x240] [--seed 0] [--json OUT]
 
 By a simulated clock and in simulation: limits, watch, line and encoder are those of a real arm, the world is not.
 Each trial has a placement of the task's protocol; cameras have the noise of a D435, are off their calibration by 0.2
 degrees and 3 mm, their depth by 0.5 % and 2 mm, their clocks by 10 ms (standard deviations); pictures come 20 to 60 ms
 late, and the controller answers within 30 to 90 ms. The simulator judges; where the watch holds or stops the arm, the
-trial has failed. --plan is the planner, which is shown the true scene. --policy NAME=DIR is a checkpoint, or a folder
-with one for each task, by its name. Killed, it goes on where it was when called again.
+trial has failed. --plan is the planner, which is shown the true scene, or with --scene perceived estimates the scene
+from the point clouds of the cameras. --policy NAME=DIR is a checkpoint, or a folder with one for each task, by its
+name. Killed, it goes on where it was when called again.
 
 Policies are taught with this noise and without it, by at most 200 demonstrations of each task:
 
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.core.progress import ConsoleProgress
+from gensim2.rollout.config import TRUE_SCENE
 from gensim2_robot.config import Delays
 from gensim2_robot.trial.record import protocol_names, read_protocol, write_table
 from gensim2_robot.trial.run import trial
@@ -53,6 +55,7 @@ def main() -> int:
     parser.add_argument("--tasks", nargs="*", default=protocol_names())
     parser.add_argument("--trials", type=int, default=50)
     parser.add_argument("--plan", action="store_true")
+    parser.add_argument("--scene", default=TRUE_SCENE)
     parser.add_argument("--policy", action="append", default=[], metavar="NAME=DIR")
     parser.add_argument("--speed", type=float, default=0.5)
     parser.add_argument("--force", type=float, default=140.0)
@@ -64,7 +67,8 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     width, height = map(int, options.pixels.split("x"))
-    who: dict[str, Path | None] = {"plan": None} if options.plan else {}
+    planner = "plan" if options.scene == TRUE_SCENE else f"plan_{Path(options.scene).name}"
+    who: dict[str, Path | None] = {planner: None} if options.plan else {}
     for word in options.policy:
         name, _, folder = word.partition("=")
         who[name] = Path(folder)
@@ -82,6 +86,7 @@ def main() -> int:
                     resume=True,
                     progress=progress,
                     policy=None if folder is None else checkpoint(folder, task),
+                    scene_source=options.scene if folder is None else TRUE_SCENE,
                     speed=options.speed,
                     force=options.force,
                     pixels=(width, height),

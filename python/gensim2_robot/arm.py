@@ -15,6 +15,9 @@ from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 
 _STATES = 200
 """Number of stored past arm states, from which the arm's position at the time of an image is interpolated."""
+FORCE_MEMORY = 1.0
+"""Time constant (s) with which the effect of a past contact force decays. Without this memory, an arm that has given
+way to an obstacle would hit the obstacle again."""
 
 
 class LimitedArm:
@@ -33,12 +36,16 @@ class LimitedArm:
         self._states: deque[ArmState] = deque(maxlen=_STATES)
         self._sent: Sent | None = None
         self._gripper = 1.0
+        self._recent = 0.0
         self.clips: Counter[str] = Counter()
 
     def poll(self) -> list[ArmState]:
         """Return the arm states received since the last call, and store them for :meth:`at`."""
         found = list(self._driver.poll())
-        self._states.extend(found)
+        for each in found:
+            passed = each.time - self._states[-1].time if self._states else 0.0
+            self._recent = max(each.force, self._recent * float(np.exp(-max(passed, 0.0) / FORCE_MEMORY)))
+            self._states.append(each)
         return found
 
     def state(self) -> ArmState | None:
@@ -97,8 +104,10 @@ class LimitedArm:
         """
         assert self._sent is not None, "the arm is not begun"
         state = self.state()
-        force, measured = (0.0, None) if state is None else (state.force, self.joints(state.q))
-        return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
+        if state is None:
+            return self._send(limit(self._sent, q, self.limits), gripper, t)
+        measured, v = self.joints(state.q), self.joints(state.v)
+        return self._send(limit(self._sent, q, self.limits, state.force, measured, v, self._recent), gripper, t)
 
     def hold(self, t: float) -> Sent:
         """Send the next command that brakes the arm. The braking motion was computed and checked together with the last

@@ -95,10 +95,12 @@ FORCE = 140.0
 
 JUMP = 0.2
 """Default maximum distance (rad or m) of an episode's first action from the arm's position."""
-LEASH, LEASH_AT_SPEED = 0.08, 0.2
-"""Maximum distance (rad or m) between a target and the measured arm: at rest, and an addition at full speed for the
-tracking delay of drives.
+LEASH = 0.04
+"""Maximum distance (rad or m) between a target and the measured arm at rest. The tracking delay of the drives is added
+during a motion.
 """
+YIELDING = 0.5
+"""Fraction of the force limit at which an arm no longer presses: its targets are then its measured position."""
 
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
 """Franka's published acceleration (rad/s^2) and jerk (rad/s^3)."""
@@ -215,16 +217,20 @@ class ArmLimits:
             np.array(high),
             clearance,
             force,
-            LEASH + speed * LEASH_AT_SPEED,
+            LEASH,
             jump,
             braking,
         )
 
-    def leash_under(self, force: float) -> float:
-        """Return the maximum distance (rad or m) between target and measured arm at a contact force (N); 0 at the force
-        limit.
+    def leash_under(self, force: float, v: Array) -> Array:
+        """Return the maximum distance (m,), in rad or m, between the target and the measured position of each joint; 0
+        from the fraction ``YIELDING`` of the force limit.
+
+        Args:
+            force: contact force, N.
+            v: (m,) measured velocity, rad/s or m/s.
         """
-        return self.leash * (1.0 - force / self.force)
+        return (self.leash + self.profile.lags * np.abs(v)) * max(0.0, 1.0 - force / (YIELDING * self.force))
 
     def fastest_from(self, q: Array) -> tuple[Array, Array]:
         """Return the maximum upward and downward velocities (m,), both positive, of a command at joints ``q`` (m,)."""

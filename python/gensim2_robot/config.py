@@ -10,6 +10,7 @@ from typing import Any, Literal, cast
 from gensim2.core.errors import InputError
 from gensim2.perception import DepthNoise
 from gensim2.policy.remote.client import DEADLINE
+from gensim2.rollout.config import TRUE_SCENE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.scenes.config import SceneArguments, split_arguments
 from gensim2_robot.arm_limits import FORCE, JUMP, MARGIN, SPEED
@@ -95,6 +96,7 @@ class LineArguments(SceneArguments, total=False):
     arm: str
     cameras: str
     policy: Path | str | ControllerSpec | None
+    scene_source: str
     deadline: float
     speed: float
     margin: float
@@ -120,8 +122,10 @@ class LineConfig:
         arm: ``simulated``, or a driver with the arm's address: ``franka:HOST``, ``panda:HOST``, ``ur:HOST``,
             ``xarm:HOST``.
         cameras: as in :meth:`CameraSource.parse`. Recordings require a dry run with a simulated arm.
-        policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner,
-            which knows the true scene.
+        policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner.
+        scene_source: scene that the planner gets. With ``"true"`` the planner knows the state of the simulator. With
+            ``"perceived"`` the estimator of the package computes the scene from the point clouds of the cameras. Any
+            other value is the folder of an estimator.
         deadline: time limit for an action from a policy server, s.
         speed: fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: minimum distance (rad) of joints from the ends of their range.
@@ -145,6 +149,7 @@ class LineConfig:
     arm: str = SIMULATED
     cameras: str = SIMULATED
     policy: Path | str | ControllerSpec | None = None
+    scene_source: str = TRUE_SCENE
     deadline: float = DEADLINE
     speed: float = SPEED
     margin: float = MARGIN
@@ -184,8 +189,18 @@ class LineConfig:
             raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, but is {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
             raise InputError("can only be set for a simulated clock", field="delays", remedy="use simulated_clock=True")
-        if not self.is_simulated and self.policy is None:
-            raise InputError("needs the true state of the scene, which only a simulation has", field="--plan")
+        if self.policy is not None and self.scene_source != TRUE_SCENE:
+            raise InputError(
+                "is an option of the planner, and cannot be combined with a policy",
+                field="--scene",
+                remedy="leave it out, or give --plan instead of --policy",
+            )
+        if not self.is_simulated and self.policy is None and self.scene_source == TRUE_SCENE:
+            raise InputError(
+                "with a true scene works only in simulation, because no camera shows the true state of the scene",
+                field="--plan",
+                remedy="give --scene perceived, which estimates the scene from the cameras",
+            )
 
     @property
     def is_simulated(self) -> bool:

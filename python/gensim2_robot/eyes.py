@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.perception import Camera, Encoder, Observation, ObservationSpec, Picture, RobotSegments
@@ -25,6 +26,9 @@ THROUGH_SHARE = 0.3
 """Minimum fraction of the robot's pixels that measure points behind it, for which the camera pose counts as wrong."""
 THROUGH_PIXELS = 1.0 / 400.0
 """Minimum fraction of an image that the robot must cover for a check of the camera pose."""
+OUTLINE = 1.0 / 100.0
+"""Width of the robot's outline, as a fraction of the image width. Pixels on the outline are not checked, because a
+small error of the calibration moves them off the robot."""
 
 
 class CameraPoseError(GenSim2Error):
@@ -95,22 +99,24 @@ class OwnPoints:
         caster = self._casters[camera.name]
         hits = caster.cast(poses)
         own = caster.segmentation(hits.face[0])
-        _require_robot(camera, metres, hits.depth[0], own)
+        require_robot(camera, metres, hits.depth[0], own)
         seen = self.placed(self._seen[camera.name], q)
         return Picture(seen, metres, _marked(metres, hits.depth[0], own, self._near), colors)
 
 
-def _require_robot(
+def require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
     """Raise an error if measured points lie behind the robot's surface. The robot would hide such points from the
     camera, so the camera cannot have the assumed pose. Objects in front of the robot are allowed.
     """
-    covered = (ids > 0) & (depth > 0)
+    reach = 2 * max(1, round(OUTLINE * depth.shape[1])) + 1
+    farthest = maximum_filter(np.where(ids > 0, meshes, np.inf), reach)
+    covered = np.isfinite(farthest) & (depth > 0)
     count = int(covered.sum())
     if count < THROUGH_PIXELS * depth.size:
         return
-    through = int((covered & (depth - meshes > THROUGH)).sum())
+    through = int((covered & (depth > farthest + THROUGH)).sum())
     if through > THROUGH_SHARE * count:
         raise CameraPoseError(
             f"camera {camera.name}: {100 * through // count} % of the points that should lie on the robot lie behind "

@@ -209,7 +209,13 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 
 
 def limit(
-    sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
+    sent: Sent,
+    target: npt.ArrayLike,
+    limits: ArmLimits,
+    force: float = 0.0,
+    measured: Array | None = None,
+    v_measured: Array | None = None,
+    recent: float = 0.0,
 ) -> Sent:
     """Return the next command. The command is the target if the target respects all limits; otherwise it leads towards
     the target and respects all limits.
@@ -222,6 +228,8 @@ def limit(
         limits: limits of every command.
         force: measured contact force, N.
         measured: (m,) last measured positions, rad or m; None if unknown.
+        v_measured: (m,) last measured velocities, rad/s or m/s; None: the arm stands still.
+        recent: contact force (N) of the recent past, which reduces the leash like ``force``.
 
     Returns:
         The command 10 ms after ``sent``. It contains its checked stop, and the names of the limits that changed the
@@ -233,13 +241,13 @@ def limit(
     check_force(force, limits)
     wanted = _finite(target, limits)
     clips: list[str] = []
+    standing = np.zeros(limits.size)
     if measured is not None:
-        leash = limits.leash_under(force)
+        leash = limits.leash_under(max(force, recent), standing if v_measured is None else v_measured)
         near = np.clip(wanted, measured - leash, measured + leash)
         if (near != wanted).any():
             wanted, clips = near, ["leash"]
     rate = _rate_towards(sent, wanted, limits, clips)
-    standing = np.zeros(limits.size)
     back = sent.stop.a[0] if len(sent.stop) else standing
     for share in _MIXTURES:
         a = rate if share == 1.0 else back + share * (rate - back)

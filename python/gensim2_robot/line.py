@@ -136,6 +136,8 @@ class Line:
     Attributes:
         pace: control steps per second.
         commands: list to which every command is appended; None if commands are not collected.
+        done: whether the controller has ended the episode.
+        refusal: reason why the controller has refused the episode; None if it has not refused the episode.
         in_phase: whether the requests are synchronized with the images (see :func:`phase_shift`).
         stopped_ms: time (ms) from the watchdog's last hold or stop to the last command that moves the arm; None until
             the commands stop the arm.
@@ -194,6 +196,7 @@ class Line:
         self._grips: list[tuple[float, float]] = []
         self._grip = 1.0
         self.done = False
+        self.refusal: str | None = None
         self._paused_at: float | None = None
 
     def begin(self, seed: int) -> None:
@@ -350,7 +353,7 @@ class Line:
             return
         if not is_open:
             return
-        self.done = answer.done
+        self.done, self.refusal = answer.done, answer.refusal
         if self._paused_at is not None:  # The actions were requested before the pause and are outdated.
             return
         step, targets = 1.0 / self.pace, []

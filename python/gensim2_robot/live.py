@@ -189,6 +189,8 @@ class LivePage:
             if answer.cloud_ms is not None:
                 lines.append(f"Point cloud: ready {answer.cloud_ms:.0f} ms after its images")
             lines.append(f"Controller: {len(answer.actions)} actions, computed in {answer.acting_ms:.0f} ms")
+            if answer.refusal is not None:
+                lines.append(f"The controller refuses: {answer.refusal}")
         return [*lines, self._clocks]
 
 

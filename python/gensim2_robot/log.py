@@ -263,6 +263,7 @@ class Log:
             "number": answer.number,
             "done": answer.done,
             "error": answer.error,
+            "refusal": answer.refusal,
             "cloud_ms": answer.cloud_ms,
             "acting_ms": answer.acting_ms,
         }

@@ -212,7 +212,7 @@ class QuestionMessage(LogMessage):
 
 
 class AnswerMessage(LogMessage):
-    """Answer of the policy, with all input arrays of the policy."""
+    """Answer of the policy, with all input arrays of the policy. Logs of version 0.3 have no field ``refusal``."""
 
     time: float
     number: int
@@ -220,6 +220,7 @@ class AnswerMessage(LogMessage):
     error: str | None
     cloud_ms: float | None
     acting_ms: float
+    refusal: str | None = None
     actions: Annotated[np.ndarray, _array("f", 2)]
     seen: dict[str, np.ndarray] = {}
 

@@ -20,10 +20,11 @@ from gensim2.perception import Camera, Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.policy.remote.client import RemoteController
 from gensim2.robots import robot
-from gensim2.rollout.controller import Controller, PrivilegedObservation, is_privileged, spec_of
+from gensim2.rollout.controller import Controller, PrivilegedObservation, events_of, is_privileged, spec_of
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
+from gensim2.rollout.record import Cause
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 from gensim2_robot.eyes import CameraPoseError, Eyes, SensorSnapshot, inputs
@@ -80,6 +81,8 @@ class ControllerAnswer:
         encoding_ms: time for computing the point cloud, ms; None without a cloud.
         acting_ms: computing time of the controller, ms.
         error: reason why there are no actions; None if there is no error.
+        refusal: reason why the controller has ended the episode without a motion, for example the object that it sees
+            instead of the object of the task; None if the controller has not refused the episode.
     """
 
     number: int
@@ -90,6 +93,7 @@ class ControllerAnswer:
     encoding_ms: float | None = None
     acting_ms: float = 0.0
     error: str | None = None
+    refusal: str | None = None
 
 
 @dataclass(frozen=True)
@@ -239,8 +243,8 @@ class LineBody:
         if len(self._actions) >= self._question.count:
             self.answer()
 
-    def answer(self, done: bool = False, error: str | None = None) -> None:
-        """Answer the open request, if there is one."""
+    def answer(self, done: bool = False, error: str | None = None, refusal: str | None = None) -> None:
+        """Answer the open request, if there is one. The arguments are those of :class:`ControllerAnswer`."""
         if self._question is None:
             return
         if "policy-slow" in self.faults:
@@ -249,11 +253,8 @@ class LineBody:
         if "policy-garbage" in self.faults:
             actions = _garbage(self._question.number, self.profile.action_size)
         spent = 1e3 * (time.perf_counter() - self._begun) - (self._encoding_ms or 0.0)
-        self._send(
-            ControllerAnswer(
-                self._question.number, actions, done, self._shown, self._cloud_ms, self._encoding_ms, spent, error
-            )
-        )
+        times = self._cloud_ms, self._encoding_ms, spent
+        self._send(ControllerAnswer(self._question.number, actions, done, self._shown, *times, error, refusal))
         self._question = None
 
     def close(self) -> None:
@@ -266,6 +267,17 @@ def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
     """
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
+
+
+def _refusal(controller: Controller) -> str | None:
+    """Return the reason, with the measured values, why a controller has refused the episode because it does not see the
+    objects of the task; None if it has not refused the episode.
+    """
+    refused = next((each for each in events_of(controller) if each.what == Cause.OBJECT_NOT_SEEN), None)
+    if refused is None:
+        return None
+    seen = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in refused.detail.items())
+    return f"{refused.what} ({seen})"
 
 
 def think(
@@ -299,7 +311,7 @@ def think(
             body.next = None
             try:
                 drive(body, controller, sys.maxsize, seed=message.seed)
-                body.answer(done=True)
+                body.answer(done=True, refusal=_refusal(controller))
             except _OverError:
                 message = body.next
                 continue

@@ -18,12 +18,15 @@ from gensim2.core.validation import input_error
 from gensim2.perception import Camera, DepthNoise, ObservationSpec
 from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.noise import read_noise
+from gensim2.planning.strategies import PLANNER_FIELDS, GraspStrategy, parse_strategy
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import is_url
 from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.config import TRUE_SCENE, RolloutOptions
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec, planner_spec
 from gensim2.rollout.inputs import TaskInput
+from gensim2.tasks.strategies import Strategies
 from gensim2_robot.arm import LimitedArm
 from gensim2_robot.arm_limits import ArmLimits, Array
 from gensim2_robot.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
@@ -42,6 +45,11 @@ from gensim2_robot.session import Devices
 from gensim2_robot.watch import Watch, WatchRules
 
 REMOTE = "gensim2.policy.remote.client:RemoteController"
+CONTACT_SPEED = 0.05
+"""Maximum speed (m/s) of the contact point in a planned motion. The drives of an arm follow their targets with a delay,
+so an arm that meets the end of a joint range or an obstacle presses with a force that grows with its speed."""
+CAMERA_NOISE = "d435"
+"""Name of the noise model of the cameras that the control loop supports."""
 
 
 class DryArm:
@@ -93,6 +101,11 @@ class Prepared:
     @property
     def profile(self) -> RobotProfile:
         return self.limits.profile
+
+    @property
+    def goal_ends(self) -> bool:
+        """Whether a simulated episode ends as soon as its goal is reached. The planner ends each episode itself."""
+        return self.config.is_simulated and self.config.policy is not None and not self.privileged
 
 
 def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) -> Prepared:
@@ -292,7 +305,14 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     policy = config.policy
     if policy is None:
-        return planner_spec(given.spec, given.strategies, given.rollout, given.scene.robot)
+        rollout = RolloutOptions()
+        if config.scene_source != TRUE_SCENE:
+            # The images of the loop's cameras are noisy. The name of a noise model makes the planner filter stray
+            # points; it adds noise only to images that are rendered for an episode without a control loop.
+            rollout = RolloutOptions(scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
+        # The arm executes a plan at the fraction ``speed`` of the planned speed.
+        strategies = slow_in_contact(given.strategies, CONTACT_SPEED / config.speed)
+        return planner_spec(given.spec, strategies, rollout, given.scene.robot)
     if isinstance(policy, ControllerSpec):
         return policy
     if is_url(str(policy)):
@@ -301,6 +321,20 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     from gensim2.policy.evaluating import controller_for
 
     return controller_for(policy, given)
+
+
+def slow_in_contact(strategies: Strategies, speed: float) -> Strategies:
+    """Return strategies, as plain data, in which the contact point is not faster than ``speed`` (m/s)."""
+    speed = float(np.clip(speed, *PLANNER_FIELDS["contact_speed"]))
+    parsed = {name: parse_strategy(data) for name, data in strategies.items()}
+    slowest = {
+        name: min(speed, speed if each.contact_speed is None else each.contact_speed)
+        for name, each in parsed.items()
+        if not isinstance(each, GraspStrategy)
+    }
+    return {
+        name: {**data, "contact_speed": slowest[name]} if name in slowest else data for name, data in strategies.items()
+    }
 
 
 def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: Mind | None, interrupted: Sequence[int]) -> Devices:

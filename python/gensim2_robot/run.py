@@ -87,5 +87,5 @@ def run(
             return result(about_line(prepared, prepared.cameras), None, watch, LoopFigures(), interrupted)
         session = Session(there.line, there.devices, given, faults, there.disk, interrupted, keys, progress)
         layouts = [Layout(seed) for seed in scene_seeds(config.seed, given.spec.name, "robot", count)]
-        session.run(60.0 * minutes, layouts, goal_ends=not prepared.privileged)
+        session.run(60.0 * minutes, layouts, goal_ends=prepared.goal_ends)
     return session.report(there.about, log)

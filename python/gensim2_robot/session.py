@@ -116,6 +116,7 @@ class Ended:
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
         lost: whether the goal was reached long enough to end the episode, but was no longer reached after the scene had
             settled.
+        refusal: reason why the controller has refused the episode; None if it has not refused the episode.
     """
 
     goal: bool | None
@@ -123,6 +124,7 @@ class Ended:
     seconds: float
     at_rest: bool | None = None
     lost: bool = False
+    refusal: str | None = None
 
     @property
     def held(self) -> bool | None:
@@ -136,6 +138,8 @@ class Ended:
             return "the scene did not come to rest"
         if self.lost:
             return "the goal was reached, and lost again"
+        if self.refusal is not None:
+            return self.refusal
         return "it gave up" if self.over else "its time was over"
 
 
@@ -163,6 +167,7 @@ class Session:
         self._begun: float | None = None
         self._held_s = 0.0
         self._outcomes: list[bool | None] = []
+        self._refusals: list[str] = []
         self._halts: list[dict[str, Any]] = []
         self._clips_passed = 0
         self._scheduling: str | None = None
@@ -294,10 +299,13 @@ class Session:
                 line.watch.rest(now, f"the time limit of the run ended episode {len(self._outcomes) + 1} early")
                 self._stand()
                 return True
-        result = Ended(stage.goal, over, clock.now() - begun, stage.at_rest, lost)
+        result = Ended(stage.goal, over, clock.now() - begun, stage.at_rest, lost, line.refusal)
         self.in_episode = False
         self._outcomes.append(result.held)
         said = {True: "held", False: "not held", None: "over"}[result.held]
+        if result.refusal is not None:
+            self._refusals.append(result.refusal)
+            said += f", {result.refusal}"
         self._progress.message(f"episode {len(self._outcomes)}: {said}")
         line.watch.rest(clock.now())
         self._stand()  # the arm must be at rest, because the callback may wait for a person
@@ -427,6 +435,7 @@ class Session:
             "limits_passed": self._clips_passed,
             "clips": dict(self._line.arm.clips),
             "episodes": len(self._outcomes),
+            "refusals": self._refusals,
             "episode_limit_s": self._episode_limit,
             "success": float(np.mean(judged)) if judged else None,
             "seconds": 0.0 if self._begun is None else self._devices.clock.now() - self._begun,
@@ -470,6 +479,7 @@ def result(
         "refused": dict(figures.refused),
         "late_actions": figures.late_actions,
         "episodes": 0,
+        "refusals": [],
         "episode_limit_s": None,
         "success": None,
         "seconds": 0.0,

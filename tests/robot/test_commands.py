@@ -23,7 +23,8 @@ RUN = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin"]
         (["--policy", "somewhere"], "either --plan or --policy"),
         (["--arm", "fr3"], "franka:HOST"),
         (["--arm", "franka:1.2.3.4"], "both are real, or both are simulated"),
-        (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "true state of the scene"),
+        (["--arm", "ur:1.2.3.4", "--cameras", "realsense:left=1"], "give --scene perceived"),
+        (["--scene", "nowhere"], "nowhere"),
         (["--no-log", "--fault", "disk-full@1"], "needs a log"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from gensim2.perception import Camera, ObservationSpec
 from gensim2.robots import robot
 from gensim2_robot.devices import CameraFrame
-from gensim2_robot.eyes import PIXELS, Eyes, SensorSnapshot, thinned
+from gensim2_robot.eyes import PIXELS, CameraPoseError, Eyes, SensorSnapshot, require_robot, thinned
 from gensim2_robot.simulated import simulated_cameras, sized
 
 CAMERAS = simulated_cameras(robot("panda"), 320, 240)
@@ -46,3 +47,15 @@ def test_depth_that_was_corrected_is_corrected_once() -> None:
     seen = observation.cameras[camera.name]
     depth = np.asarray(observation[f"depth_{camera.name}"])
     np.testing.assert_allclose(seen.metres(depth), camera.metres(measured), atol=6e-4)
+
+
+@pytest.mark.parametrize(("width", "shift", "is_wrong"), [(6, 2, False), (60, 2, False), (60, 60, True)])
+def test_only_a_large_shift_of_the_robot_is_a_moved_camera(width: int, shift: int, is_wrong: bool) -> None:
+    """The robot appears as a stripe. A calibration error shifts the stripe by two pixels, which is a third of a narrow
+    stripe; a moved camera shifts it out of its place.
+    """
+    expected, measured = np.full((240, 320), 2.0, np.float32), np.full((240, 320), 2.0, np.float32)
+    expected[:, 100 : 100 + width] = measured[:, 100 + shift : 100 + shift + width] = 1.0
+    ids = np.where(expected < 2.0, 1, 0).astype(np.int16)
+    with pytest.raises(CameraPoseError) if is_wrong else contextlib.nullcontext():
+        require_robot(CAMERAS[0], measured, expected, ids)

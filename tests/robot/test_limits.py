@@ -197,7 +197,7 @@ def test_a_blocked_arm_is_not_pressed_on_ever_harder(slow: ArmLimits) -> None:
     np.testing.assert_allclose(sent.q, HOME + slow.leash, atol=1e-6)
 
 
-@pytest.mark.parametrize(("force", "share"), [(35.0, 0.75), (70.0, 0.5), (140.0, 0.0)])
+@pytest.mark.parametrize(("force", "share"), [(17.5, 0.75), (35.0, 0.5), (70.0, 0.0), (140.0, 0.0)])
 def test_an_arm_that_is_pressed_on_gives_way(slow: ArmLimits, force: float, share: float) -> None:
     sent = begin(HOME, slow)
     for _ in range(500):
@@ -205,3 +205,18 @@ def test_an_arm_that_is_pressed_on_gives_way(slow: ArmLimits, force: float, shar
     for _ in range(500):
         sent = limit(sent, HOME + 1.0, slow, force, HOME)
     np.testing.assert_allclose(sent.q, HOME + share * slow.leash, atol=1e-6)
+
+
+def test_a_moving_target_may_lead_by_the_delay_of_the_drives(slow: ArmLimits) -> None:
+    standing, moving = np.zeros(slow.size), np.full(slow.size, 0.2)
+    np.testing.assert_allclose(slow.leash_under(0.0, standing), slow.leash)
+    np.testing.assert_allclose(slow.leash_under(0.0, -moving), slow.leash + 0.02)
+    np.testing.assert_allclose(slow.leash_under(35.0, moving), 0.5 * (slow.leash + 0.02))
+
+
+def test_an_arm_remembers_that_it_was_pressed_on(slow: ArmLimits) -> None:
+    """The force is over, but the arm does not hit the obstacle again at once."""
+    sent = begin(HOME, slow)
+    for _ in range(500):
+        sent = limit(sent, HOME + 1.0, slow, 0.0, HOME, recent=35.0)
+    np.testing.assert_allclose(sent.q, HOME + 0.5 * slow.leash, atol=1e-6)

@@ -230,6 +230,8 @@ def _show(result: dict[str, Any]) -> None:
     )
     if result["scheduling"] == "simulated":
         line("computing times are in real time; the other rows are in simulated time")
+    for refusal in result["refusals"]:
+        line(f"refused: {refusal}")
     for halt in result["halts"]:
         line(f"{halt['state']} within {number(halt['detected_to_stopped_ms'])} ms: {halt['reason']}")
     if result["log"] is not None:

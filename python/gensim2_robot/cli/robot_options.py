@@ -28,7 +28,11 @@ class LineOptions:
             pictures through the RealSense library. "recording" replays the log folder or .mcap file of a run, or a
             RealSense .db3 file, and works only with dry-run.
         policy: Checkpoint from gensim2 learn or train, "builtin", or the URL of gensim2 policy serve.
-        plan: Use the planner, which knows the true scene, instead of a policy.
+        plan: Use the planner instead of a policy.
+        scene_source: Source of the planner's scene. true is the state of the simulator, so real arms need another
+            source. perceived is the estimator of the package, and DIR is an estimator made by gensim2 perceive train.
+            With an estimator, the planner gets estimates from the cameras' point clouds, and uses them to decide when
+            the task is done.
         deadline: Time limit for an answer from a policy server, in seconds.
         speed: Fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: Minimum distance of joints from their limits, in rad.
@@ -49,6 +53,7 @@ class LineOptions:
     ] = "simulated"
     policy: Annotated[str | None, Option(metavar="DIR|builtin|ws://HOST:PORT")] = None
     plan: bool = False
+    scene_source: Annotated[str, Option("--scene", "true|perceived|DIR")] = "true"
     deadline: Annotated[float, Real(0.0, 60.0, min_open=True)] = 0.15
     speed: Share = 0.1
     margin: Annotated[float, Real(0.0, 1.0)] = 0.1
@@ -151,7 +156,8 @@ def moves(given: dict[str, Any], move: bool) -> bool:
     from gensim2_robot.config import LineConfig
 
     # Creating a LineConfig checks the arguments, so wrong arguments are reported before the person confirms the motion.
-    if LineConfig(arm=given["arm"], cameras=given["cameras"], policy=given["policy"]).is_simulated:
+    names = ("arm", "cameras", "policy", "scene_source")
+    if LineConfig(**{name: given[name] for name in names}).is_simulated:
         return True
     if not move:
         click.echo("This is a dry run: no command is sent to the arm. Give --move to move the arm.", err=True)

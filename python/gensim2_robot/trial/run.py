@@ -17,6 +17,7 @@ import click
 from gensim2.core.errors import GenSim2Error, InputError, WriteError
 from gensim2.core.progress import NULL_PROGRESS, ConsoleProgress, Progress
 from gensim2.core.seeding import scene_seeds
+from gensim2.rollout.config import TRUE_SCENE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import read_task_input
 from gensim2_robot.config import LineArguments, LineConfig
@@ -205,8 +206,7 @@ def trial(
                         raise KeyboardInterrupt from None
                     raise
                 session = Session(there.line, there.devices, given, (), there.disk, interrupted, keys, progress)
-                ends = config.is_simulated and not prepared.privileged
-                session.run(math.inf, course.layouts(), goal_ends=ends, ended=course.ended)
+                session.run(math.inf, course.layouts(), goal_ends=prepared.goal_ends, ended=course.ended)
             if interrupted:
                 raise KeyboardInterrupt
             if course.unwritten is not None:
@@ -322,13 +322,13 @@ class _Course:
 def _named(config: LineConfig) -> str:
     policy = config.policy
     if policy is None:
-        return "plan"
+        return "plan" if config.scene_source == TRUE_SCENE else f"plan, scene {config.scene_source}"
     return policy.target if isinstance(policy, ControllerSpec) else str(policy)
 
 
 def _plain(config: LineConfig) -> dict[str, Any]:
     """Return all settings that resumed trials must share, as plain JSON data."""
-    left_out = ("policy", "seed", "calibration_days")
+    left_out = ("policy", "scene_source", "seed", "calibration_days")
     found: dict[str, Any] = {}
     for name, value in vars(config).items():
         if name not in left_out:
