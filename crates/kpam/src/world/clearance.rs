@@ -1,9 +1,9 @@
 //! Clearances and their gradients, used by the optimization.
 
-use gensim2_geometry::{JointKind, Target};
+use gensim2_geometry::{JointKind, Proximity, Target};
 use nalgebra::{Point3, Vector3};
 
-use super::{EXACT, Margins, MotionSegment, State, World};
+use super::{Margins, MotionSegment, State, World};
 use crate::model::{MAX_JOINTS, Row};
 
 /// Distance of a checked pair minus its margin (m), and its gradient by each variable (m per rad or m).
@@ -23,18 +23,9 @@ impl World<'_> {
         reach: f64,
         out: &mut Vec<Clearance>,
     ) {
-        self.place(state, segment);
-        let mut near = Vec::new();
-        self.look(
-            segment,
-            EXACT,
-            |world, group, seen| world.asked(segment, margins, group, seen) + reach,
-            |world, seen, p| {
-                near.push((p.contact.distance - world.asked(segment, margins, p.group, seen), *p));
-                true
-            },
-        );
-        for (gap, p) in near {
+        let near = self.near(state, segment, |world, group, seen| world.asked(segment, margins, group, seen) + reach);
+        for (seen, p) in near {
+            let gap = p.contact.distance - self.asked(segment, margins, p.group, seen);
             // The normal points from the first body to the second: moving the first body along it reduces the distance.
             let mut gradient = [0.0; MAX_JOINTS];
             self.add_motion(segment, p.group, &p.contact.on_first, &-p.contact.normal, &mut gradient);
@@ -47,18 +38,9 @@ impl World<'_> {
 
     /// Returns the largest amount (m) by which a checked pair violates its margin, or zero.
     pub fn lacking(&mut self, state: State<'_>, segment: MotionSegment, margins: &Margins) -> f64 {
-        self.place(state, segment);
-        let mut most = 0.0f64;
-        self.look(
-            segment,
-            EXACT,
-            |world, group, seen| world.asked(segment, margins, group, seen),
-            |world, seen, p| {
-                most = most.max(world.asked(segment, margins, p.group, seen) - p.contact.distance);
-                true
-            },
-        );
-        most
+        let near = self.near(state, segment, |world, group, seen| world.asked(segment, margins, group, seen));
+        let lacks = |(seen, p): &(_, Proximity)| self.asked(segment, margins, p.group, *seen) - p.contact.distance;
+        near.iter().map(lacks).fold(0.0, f64::max)
     }
 
     /// Adds the velocity of a group's point along `direction` per unit of each variable.

@@ -58,6 +58,22 @@ impl World<'_> {
         whole
     }
 
+    /// Returns the pairs checked in a segment that are within `reach` (m) of each other in a state, measured exactly.
+    pub(super) fn near(
+        &mut self,
+        state: State<'_>,
+        segment: MotionSegment,
+        reach: impl Fn(&Self, usize, Seen) -> f64,
+    ) -> Vec<(Seen, Proximity)> {
+        self.place(state, segment);
+        let mut found = Vec::new();
+        self.look(segment, EXACT, reach, |_, seen, p| {
+            found.push((seen, *p));
+            true
+        });
+        found
+    }
+
     /// Returns the margin of a group and another body in a segment.
     pub(super) fn asked(&self, segment: MotionSegment, margins: &Margins, group: usize, seen: Seen) -> f64 {
         if let Some(depth) = self.depth(segment, group, seen) {
@@ -126,28 +142,19 @@ impl World<'_> {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
         (self.start_overlap, self.start_hit) = (0.0, None);
-        self.place(state, segment);
-        let mut found = Vec::new();
-        self.look(
-            segment,
-            EXACT,
-            |world, group, seen| {
-                world.depth(segment, group, seen).map_or(world.kept_from(segment, seen), |depth| -depth)
-            },
-            |world, seen, p| {
-                if p.contact.distance < world.kept_from(segment, seen) {
-                    found.push((seen, *p, world.depth(segment, p.group, seen).is_some()));
-                }
-                true
-            },
-        );
-        for (seen, p, touches) in found {
+        let found = self.near(state, segment, |world, group, seen| {
+            world.depth(segment, group, seen).map_or(world.kept_from(segment, seen), |depth| -depth)
+        });
+        for (seen, p) in found {
             let distance = p.contact.distance;
+            if distance >= self.kept_from(segment, seen) {
+                continue;
+            }
             match seen {
                 Seen::Body(body) => self.known.start_bodies[p.group * self.known.bodies + body] = distance,
                 Seen::Pair(pair) => self.known.start_pairs[pair] = distance,
             }
-            if !touches && -distance > self.start_overlap {
+            if self.depth(segment, p.group, seen).is_none() && -distance > self.start_overlap {
                 self.start_overlap = -distance;
                 self.start_hit = Some(self.hit(&p));
             }
@@ -159,8 +166,6 @@ impl World<'_> {
         self.known.picked_bodies.fill(f64::INFINITY);
         self.known.picked_pairs.fill(f64::INFINITY);
         let Some(first) = self.schedule.first_after_actuation() else { return };
-        self.place(State::still(x), first);
-        let mut found = Vec::new();
         let picked = |world: &Self, group: usize| matches!(world.objects.groups[group], Group::Riding(b) if world.problem.bodies[b].role != Role::Attached);
         let is_picked = |world: &Self, group: usize, seen: Seen| match seen {
             Seen::Body(_) => picked(world, group),
@@ -173,15 +178,11 @@ impl World<'_> {
         let reach = |world: &Self, group: usize, seen: Seen| {
             if is_picked(world, group, seen) { world.checked(first, group, seen, 0.0) } else { f64::NEG_INFINITY }
         };
-        self.look(first, EXACT, reach, |_, seen, p| {
-            if p.contact.distance < 0.0 {
-                found.push((p.group, seen, p.contact.distance));
-            }
-            true
-        });
-        for (group, seen, distance) in found {
+        for (seen, p) in self.near(State::still(x), first, reach) {
+            let distance = p.contact.distance;
             match seen {
-                Seen::Body(body) => self.known.picked_bodies[group * self.known.bodies + body] = distance,
+                _ if distance >= 0.0 => {}
+                Seen::Body(body) => self.known.picked_bodies[p.group * self.known.bodies + body] = distance,
                 Seen::Pair(pair) => self.known.picked_pairs[pair] = distance,
             }
         }
@@ -189,18 +190,8 @@ impl World<'_> {
 
     /// Returns the depths (m) of the checked overlaps in a state.
     pub fn overlaps(&mut self, state: State<'_>, segment: MotionSegment) -> Vec<Overlap> {
-        self.place(state, segment);
-        let mut found = Vec::new();
-        self.look(
-            segment,
-            EXACT,
-            |world, group, seen| world.checked(segment, group, seen, -TOUCH),
-            |_, seen, p| {
-                found.push(Overlap { group: p.group, seen, depth: -p.contact.distance });
-                true
-            },
-        );
-        found
+        let found = self.near(state, segment, |world, group, seen| world.checked(segment, group, seen, -TOUCH));
+        found.iter().map(|(seen, p)| Overlap { group: p.group, seen: *seen, depth: -p.contact.distance }).collect()
     }
 
     /// Returns the first checked pair closer than its margin, if any.
@@ -226,18 +217,12 @@ impl World<'_> {
         let mut out = Margins::plain(clearance);
         let (robot, least) = (&*self.problem.robot, clearance.min(self.problem.options.margin));
         for state in ends {
-            self.place(state, segment);
-            self.look(
-                segment,
-                EXACT,
-                |world, group, seen| world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance)),
-                |_, seen, p| {
-                    if p.contact.distance >= -TOUCH {
-                        out.reduce(p.group, seen, p.contact.distance - TOUCH);
-                    }
-                    true
-                },
-            );
+            let found = self.near(state, segment, |world, group, seen| {
+                world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance))
+            });
+            for (seen, p) in found.iter().filter(|(_, p)| p.contact.distance >= -TOUCH) {
+                out.reduce(p.group, *seen, p.contact.distance - TOUCH);
+            }
         }
         for (pair, groups) in self.objects.pairs.iter().enumerate() {
             if robot.is_often_close(*groups, least) {
@@ -264,24 +249,23 @@ impl World<'_> {
     /// Returns the pairs that may not touch and are closer than `clearance` (m) in a state, and the permitted overlaps.
     /// Each has its distance or depth (m), and whether the pair may touch.
     pub fn nearest(&mut self, state: State<'_>, segment: MotionSegment, clearance: f64) -> Vec<(Hit, bool)> {
-        self.place(state, segment);
-        let mut found = Vec::new();
-        self.look(
-            segment,
-            EXACT,
-            |world, group, seen| if world.depth(segment, group, seen).is_some() { 0.0 } else { clearance },
-            |world, seen, p| {
-                let guess = matches!(seen, Seen::Pair(pair) if world.is_guess(segment, pair));
-                found.push((world.hit(p), guess || world.depth(segment, p.group, seen).is_some()));
-                true
-            },
-        );
-        found
+        let found =
+            self.near(
+                state,
+                segment,
+                |world, group, seen| {
+                    if world.depth(segment, group, seen).is_some() { 0.0 } else { clearance }
+                },
+            );
+        let may_touch = |seen: Seen, group: usize| {
+            let guess = matches!(seen, Seen::Pair(pair) if self.is_guess(segment, pair));
+            guess || self.depth(segment, group, seen).is_some()
+        };
+        found.iter().map(|(seen, p)| (self.hit(p), may_touch(*seen, p.group))).collect()
     }
 
     /// Updates the smallest distances with those of a state. Pairs whose position is estimated are left out.
     pub fn measure(&mut self, state: State<'_>, segment: MotionSegment, out: &mut Clearances) {
-        self.place(state, segment);
         // Only distances below the smallest ones found so far matter.
         let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
         let kind = |world: &Self, seen: Seen| match seen {
@@ -299,15 +283,14 @@ impl World<'_> {
             Kind::Object => object,
             Kind::Itself => itself,
         };
-        self.look(segment, EXACT, reach, |world, seen, p| {
-            let least = match kind(world, seen) {
+        for (seen, p) in self.near(state, segment, reach) {
+            let least = match kind(self, seen) {
                 Kind::Table => &mut out.table,
                 Kind::Object => &mut out.object,
                 Kind::Itself => &mut out.itself,
             };
             *least = least.min(p.contact.distance);
-            true
-        });
+        }
     }
 }
 

@@ -28,8 +28,25 @@ const SLOWEST: f64 = 0.2;
 /// only if it extends back to that end.
 const AGAIN: f64 = 0.7;
 
-/// Position on a path at which a sweep continues.
+/// A path that is checked for collisions, and the progress of the check.
+struct Course<'w> {
+    way: Way<'w>,
+    segment: MotionSegment,
+    margins: &'w Margins,
+    gone: Gone,
+    end: f64,
+    /// The path is free up to this position, where the next check starts.
+    t: f64,
+    /// Extent of the last bubble along the path.
+    ahead: f64,
+    /// Distance (m) at which gaps are capped.
+    reach: f64,
+}
+
+/// Extent of a bubble along a path.
 struct Onwards {
+    /// Position of the centre.
+    at: f64,
     /// Position up to which the path is inside the bubble.
     proven: f64,
     /// Next position to check. It exceeds `proven` by at most the minimum step.
@@ -86,17 +103,13 @@ impl World<'_> {
         }
     }
 
-    /// Returns a bubble around a state, or the pair that violates its margin there. Gaps are capped at `reach` (m).
-    fn bubble(
-        &mut self,
-        state: State<'_>,
-        segment: MotionSegment,
-        margins: &Margins,
-        reach: f64,
-    ) -> Result<Bubble, Hit> {
-        self.place(state, segment);
+    /// Returns a bubble around a position of a path, or the pair that violates its margin there.
+    fn bubble(&mut self, course: &Course<'_>, at: f64) -> Result<Bubble, Hit> {
+        let &Course { segment, margins, reach, .. } = course;
+        let (x, travel) = course.way.at(at);
+        self.place(State { x: &x, travel }, segment);
         let mut bubble = std::mem::take(&mut self.spare);
-        (bubble.center, bubble.travel) = (*state.x, state.travel);
+        (bubble.center, bubble.travel) = (x, travel);
         bubble.joints = self.movers.len() + 1;
         bubble.pairs.clear();
         self.measure_levers(segment, &mut bubble.levers);
@@ -158,114 +171,69 @@ impl World<'_> {
         self.sweep_along(Way::still(&[*a, *b]), segment, margins).map(|(_, hit)| hit)
     }
 
+    /// Prepares the check of a path from its start.
+    fn course<'w>(&mut self, way: Way<'w>, segment: MotionSegment, margins: &'w Margins) -> Course<'w> {
+        let (gone, end) = (self.gone(&way), (way.waypoints.len() - 1) as f64);
+        Course { way, segment, margins, gone, end, t: 0.0, ahead: 0.0, reach: REACH }
+    }
+
     /// Sweeps the straight joint segments between waypoints; returns the last waypoint before the first collision, and
     /// the collision. If planning must end, the sweep stops early without a collision and sets `unfinished`.
     pub fn sweep_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> Option<(usize, Hit)> {
-        let last = way.waypoints.len() - 1;
-        let end = last as f64;
-        let gone = self.gone(&way);
-        // The path is free up to this position, where the next check starts.
-        let mut t = 0.0;
-        let mut reach = REACH;
-        // Extent of the last bubble along the path.
-        let mut ahead = 0.0;
-        loop {
-            if self.cut_short() {
-                return None;
+        let mut course = self.course(way, segment, margins);
+        while !self.cut_short() {
+            match self.advance(&mut course) {
+                Err(hit) => return Some(((course.t.ceil() as usize).saturating_sub(1), hit)),
+                Ok(on) if on.at >= course.end => return None,
+                Ok(on) => course.t = on.next,
             }
-            // A bubble centred further ahead that extends back to here covers nearly twice the length.
-            let at = (t + AGAIN * ahead).floor().min(end);
-            if at > t
-                && let Some(on) = self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach)
-            {
-                if at >= end {
-                    return None;
-                }
-                (t, ahead) = (on.next, on.proven - at);
-                continue;
-            }
-            let (x, travel) = way.at(t);
-            let bubble = match self.bubble(State { x: &x, travel }, segment, margins, reach) {
-                Ok(bubble) => bubble,
-                Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
-            };
-            if t >= end {
-                self.spare = bubble;
-                return None;
-            }
-            let on = self.onwards(&bubble, &way, segment, &gone, t, &mut reach);
-            self.spare = bubble;
-            (t, ahead) = (on.next, on.proven - t);
         }
+        None
     }
 
     /// Proves that a path is free from its start, using bubbles only; returns the index of the last proven waypoint.
     pub fn prove_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> usize {
-        let last = way.waypoints.len() - 1;
-        let end = last as f64;
-        let gone = self.gone(&way);
-        let (mut t, mut ahead, mut reach) = (0.0, 0.0, REACH);
-        while !self.cut_short() && t < end {
-            let at = (t + AGAIN * ahead).floor().min(end);
-            let leap = if at > t { self.leap_ahead(&way, segment, margins, &gone, t, at, &mut reach) } else { None };
-            let next = match leap {
-                Some(on) => {
-                    ahead = on.proven - at;
-                    on.proven
-                }
-                None => {
-                    let (x, travel) = way.at(t);
-                    let Ok(bubble) = self.bubble(State { x: &x, travel }, segment, margins, reach) else { break };
-                    let on = self.onwards(&bubble, &way, segment, &gone, t, &mut reach);
-                    self.spare = bubble;
-                    ahead = on.proven - t;
-                    on.proven
-                }
-            };
-            let gained = next - t;
-            t = next;
+        let mut course = self.course(way, segment, margins);
+        while !self.cut_short()
+            && course.t < course.end
+            && let Ok(on) = self.advance(&mut course)
+        {
+            let gained = on.proven - course.t;
+            course.t = on.proven;
             if gained < SLOWEST {
                 break;
             }
         }
-        (t as usize).min(last)
+        course.t as usize
     }
 
-    /// Like [`World::onwards`], but with the bubble centred at `at`, ahead of the proven part. Returns `None` if this
-    /// bubble does not extend back to the proven part, or if a pair is too close at its centre.
-    #[allow(clippy::too_many_arguments)]
-    fn leap_ahead(
-        &mut self,
-        way: &Way<'_>,
-        segment: MotionSegment,
-        margins: &Margins,
-        gone: &Gone,
-        t: f64,
-        at: f64,
-        reach: &mut f64,
-    ) -> Option<Onwards> {
-        let (x, travel) = way.at(at);
-        let bubble = self.bubble(State { x: &x, travel }, segment, margins, *reach).ok()?;
-        let back = self.holds_between(&bubble, segment, gone, (t as usize, at as usize));
-        let on = back.then(|| self.onwards(&bubble, way, segment, gone, at, reach));
+    /// Returns the next bubble of a path, or the pair that violates its margin at the position that is checked next.
+    fn advance(&mut self, course: &mut Course<'_>) -> Result<Onwards, Hit> {
+        // A bubble centred further ahead that extends back to here covers nearly twice the length.
+        let (t, at) = (course.t, (course.t + AGAIN * course.ahead).floor().min(course.end));
+        if at > t
+            && let Ok(bubble) = self.bubble(course, at)
+        {
+            let extends_back = self.holds_between(&bubble, course, (t as usize, at as usize));
+            let on = extends_back.then(|| self.onwards(&bubble, course, at));
+            self.spare = bubble;
+            if let Some(on) = on {
+                return Ok(on);
+            }
+        }
+        let bubble = self.bubble(course, t)?;
+        let is_end = t >= course.end;
+        let on = if is_end { Onwards { at: t, proven: t, next: t } } else { self.onwards(&bubble, course, t) };
         self.spare = bubble;
-        on
+        Ok(on)
     }
 
-    /// Returns how far a bubble around position `t` extends along a path, and where to continue; `reach` is set to the
-    /// distance to check from there.
-    fn onwards(
-        &mut self,
-        bubble: &Bubble,
-        way: &Way<'_>,
-        segment: MotionSegment,
-        gone: &Gone,
-        t: f64,
-        reach: &mut f64,
-    ) -> Onwards {
+    /// Returns how far a bubble around position `t` extends along a path, and where to continue.
+    fn onwards(&mut self, bubble: &Bubble, course: &mut Course<'_>, t: f64) -> Onwards {
+        let (way, segment) = (course.way, course.segment);
         let last = way.waypoints.len() - 1;
         let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
-        *reach = (AHEAD * gap).clamp(NARROW, REACH);
+        course.reach = (AHEAD * gap).clamp(NARROW, REACH);
         // First test whole segments, then a part of the next one. Bubbles are convex, so the straight line from the
         // centre to a point inside is inside, too.
         let from = t as usize;
@@ -273,7 +241,7 @@ impl World<'_> {
         let mut stride = 1;
         while k < last {
             let next = (k + stride).min(last);
-            if self.holds_between(bubble, segment, gone, (from, next)) {
+            if self.holds_between(bubble, course, (from, next)) {
                 k = next;
                 stride *= 2;
             } else if stride > 1 {
@@ -288,7 +256,7 @@ impl World<'_> {
         }
         let mut next = t.max(k as f64);
         if k < last && k == from {
-            let steps = self.segment(way, k);
+            let steps = self.segment(&way, k);
             let mut times = bubble.times(&self.table(segment).carried, &steps);
             if let Some(off) = way.off.get(k) {
                 // The used fraction of a gap grows linearly with the step; deviations from the segment leave less of
@@ -314,27 +282,23 @@ impl World<'_> {
         }
         // Close to a body, continue by the minimum step, at most to the next waypoint, so that the movement between two
         // checks is bounded.
-        let steps = self.segment(way, (next as usize).min(last.saturating_sub(1)));
+        let steps = self.segment(&way, (next as usize).min(last.saturating_sub(1)));
         let fastest = bubble.fastest(&steps);
         self.steps = steps;
         let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
         let on = next.max((t + finest).min((next as usize + 1) as f64)).min(last as f64);
-        Onwards { proven: next, next: on }
+        course.ahead = next - t;
+        Onwards { at: t, proven: next, next: on }
     }
 
     /// Returns whether the path between two waypoints is inside a bubble around a position between them.
-    fn holds_between(
-        &mut self,
-        bubble: &Bubble,
-        segment: MotionSegment,
-        gone: &Gone,
-        (from, to): (usize, usize),
-    ) -> bool {
+    fn holds_between(&mut self, bubble: &Bubble, course: &Course<'_>, (from, to): (usize, usize)) -> bool {
+        let gone = &course.gone;
         let mut steps = std::mem::take(&mut self.steps);
         steps.clear();
         let n = gone.joints;
         steps.extend((0..n).map(|j| gone.sums[to * n + j] - gone.sums[from * n + j] + gone.off[j]));
-        let inside = bubble.holds(&self.table(segment).carried, &steps);
+        let inside = bubble.holds(&self.table(course.segment).carried, &steps);
         self.steps = steps;
         inside
     }
