@@ -224,6 +224,21 @@ pub(crate) fn json(
     fail(format!("{} is not a mapping, list, text or number", value.get_type().name()?))
 }
 
+/// Returns a list with a dict for each item, to which `fill` adds the entries.
+pub(crate) fn dicts<'py, T>(
+    py: Python<'py>,
+    items: impl IntoIterator<Item = T>,
+    fill: impl Fn(&Bound<'py, PyDict>, T) -> PyResult<()>,
+) -> PyResult<Bound<'py, PyList>> {
+    let out = PyList::empty(py);
+    for item in items {
+        let dict = PyDict::new(py);
+        fill(&dict, item)?;
+        out.append(dict)?;
+    }
+    Ok(out)
+}
+
 /// Converts JSON to dicts, lists, strings and numbers of Python.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     match value {

@@ -8,7 +8,7 @@ use gensim2_kpam::{Body, Cancel, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray2, PyArray3, PyArrayDyn, ndarray};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyList};
+use pyo3::types::{PyBytes, PyList};
 
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
@@ -107,17 +107,13 @@ impl PyRobot {
             std::fs::write(&path, self.0.srdf(&pairs))
                 .map_err(|e| problem_error("srdf", format!("{} cannot be written: {e}", path.display())))?;
         }
-        let out = PyList::empty(py);
         let name = |link: usize| self.0.links()[link].name();
-        for pair in &pairs {
-            let d = PyDict::new(py);
+        convert::dicts(py, &pairs, |d, pair| {
             d.set_item("links", (name(pair.links.0), name(pair.links.1)))?;
             d.set_item("relation", pair.relation.name())?;
             d.set_item("fraction", pair.fraction)?;
-            d.set_item("checked", pair.checked)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("checked", pair.checked)
+        })
     }
 
     /// Returns joints (n,) or (N, n) in which every mimic joint has the value that follows from its source.

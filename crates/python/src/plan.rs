@@ -49,43 +49,31 @@ impl PyPlan {
     /// Pairs closer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
     #[getter]
     fn tight<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for t in &self.0.tight {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.tight, |d, t| {
             d.set_item("bodies", (&t.bodies[0], &t.bodies[1]))?;
             d.set_item("at", &t.at)?;
-            d.set_item("distance", t.distance)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("distance", t.distance)
+        })
     }
 
     /// Permitted overlaps at keyframes: dicts `bodies`, `at`, `depth`.
     #[getter]
     fn touches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for t in &self.0.touches {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.touches, |d, t| {
             d.set_item("bodies", (&t.bodies[0], &t.bodies[1]))?;
             d.set_item("at", &t.at)?;
-            d.set_item("depth", t.depth)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("depth", t.depth)
+        })
     }
 
     /// Motions that move the object's joint by an estimated amount: dicts `toward`, `travel`, `depth`.
     #[getter]
     fn guesses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for g in &self.0.guesses {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.guesses, |d, g| {
             d.set_item("toward", &g.toward)?;
             d.set_item("travel", g.travel)?;
-            d.set_item("depth", g.depth)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("depth", g.depth)
+        })
     }
 
     #[getter]
@@ -128,16 +116,12 @@ impl PyPlan {
     /// Result for each actuation pose that was tried, if `explain` was set: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for pose in &self.0.tried_poses {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.tried_poses, |d, pose| {
             d.set_item("q", convert::array1(py, &pose.q))?;
             d.set_item("rank", pose.rank)?;
             d.set_item("status", convert::member(py, "Status", pose.status.name())?)?;
-            d.set_item("reason", &pose.reason)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("reason", &pose.reason)
+        })
     }
 
     #[getter]
@@ -152,46 +136,34 @@ impl PyPlan {
 
     #[getter]
     fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for r in &self.0.residuals {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.residuals, |d, r| {
             d.set_item("name", &r.name)?;
             d.set_item("residual", r.residual)?;
             d.set_item("tolerance", r.tolerance)?;
-            d.set_item("satisfied", r.satisfied)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("satisfied", r.satisfied)
+        })
     }
 
     #[getter]
     fn keyframes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for k in &self.0.keyframes {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.keyframes, |d, k| {
             d.set_item("label", &k.label)?;
             d.set_item("time", k.time)?;
             let rows: Vec<Vec<f64>> = k.hand.iter().map(|r| r.to_vec()).collect();
             d.set_item("T_base_hand", convert::array2(py, &rows, 4))?;
-            d.set_item("reached", k.reached)?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("reached", k.reached)
+        })
     }
 
     #[getter]
     fn collisions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let out = PyList::empty(py);
-        for c in &self.0.collisions {
-            let d = PyDict::new(py);
+        convert::dicts(py, &self.0.collisions, |d, c| {
             d.set_item("bodies", (&c.bodies[0], &c.bodies[1]))?;
             d.set_item("time", c.time)?;
             d.set_item("toward", &c.toward)?;
             d.set_item("distance", c.distance)?;
-            d.set_item("point", convert::array1(py, &c.point))?;
-            out.append(d)?;
-        }
-        Ok(out)
+            d.set_item("point", convert::array1(py, &c.point))
+        })
     }
 
     #[getter]

@@ -64,14 +64,10 @@ pub(crate) fn ik<'py>(
     let max_solutions = renamed::keyword(py, max_solutions, others, ("most", "max_solutions"))?.unwrap_or(10);
     let problem = Arc::clone(&problem.get().0);
     let found = py.detach(|| gensim2_kpam::ik(&problem, max_solutions)).map_err(|e| from_problem(&e))?;
-    let out = PyList::empty(py);
-    for pose in found {
-        let d = PyDict::new(py);
+    convert::dicts(py, found, |d, pose| {
         d.set_item("q", convert::array1(py, &pose.q))?;
-        d.set_item("cost", pose.cost)?;
-        out.append(d)?;
-    }
-    Ok(out)
+        d.set_item("cost", pose.cost)
+    })
 }
 
 /// Returns the travel (N,) of the object's joint that the planner assumes at times (N,) of a plan's motion (rad or m,

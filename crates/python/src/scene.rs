@@ -506,15 +506,11 @@ impl PyScene {
 }
 
 fn listed<'py>(py: Python<'py>, near: &[Nearness]) -> PyResult<Bound<'py, PyList>> {
-    let out = PyList::empty(py);
-    for n in near {
-        let d = PyDict::new(py);
+    convert::dicts(py, near, |d, n| {
         d.set_item("bodies", (&n.first, &n.second))?;
         d.set_item("distance", n.distance)?;
-        d.set_item("point", convert::array1(py, n.point.coords.as_slice()))?;
-        out.append(d)?;
-    }
-    Ok(out)
+        d.set_item("point", convert::array1(py, n.point.coords.as_slice()))
+    })
 }
 
 fn is_reach(value: f64, field: &str) -> PyResult<()> {
