@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
+use crate::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError};
 

@@ -2,6 +2,8 @@
 
 /// Implements serde's traits for a type whose derives carry `#[serde(remote = "Self")]`: it is serialized unchanged,
 /// and deserialized only if its `check` passes.
+#[doc(hidden)]
+#[macro_export]
 macro_rules! checked_when_read {
     ($($name:ty),+) => {$(
         impl serde::Serialize for $name {
@@ -19,8 +21,6 @@ macro_rules! checked_when_read {
         }
     )+};
 }
-
-pub(crate) use checked_when_read;
 
 /// Serializes numbers; infinite numbers become null because JSON has no infinity.
 macro_rules! open_ended {

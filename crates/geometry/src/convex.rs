@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
+use crate::checked_when_read;
 use crate::pose::rotated;
 use crate::{Aabb, Corners, Pose, ShapeError, mesh};
 

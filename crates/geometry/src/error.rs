@@ -28,53 +28,46 @@ impl fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
-/// Error for parts of a robot that do not fit each other.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct RobotError {
-    /// Link, joint or part at fault, e.g. `joint elbow: limit`.
-    pub field: String,
-    /// Description of the fault and its remedy.
-    pub message: String,
+/// Defines an error about one field.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! field_error {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Eq)]
+        #[non_exhaustive]
+        pub struct $name {
+            /// Path of the invalid field or part, for example `constraint_list[2].tolerance` or `joint elbow: limit`.
+            pub field: String,
+            /// What is wrong, and how to correct it.
+            pub message: String,
+        }
+
+        impl $name {
+            /// Creates an error about the field `field`.
+            pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+                Self { field: field.into(), message: message.into() }
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                write!(f, "{}: {}", self.field, self.message)
+            }
+        }
+
+        impl std::error::Error for $name {}
+    };
 }
 
-impl RobotError {
-    pub(crate) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
-        Self { field: field.into(), message: message.into() }
-    }
-}
-
-impl fmt::Display for RobotError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.field, self.message)
-    }
-}
-
-impl std::error::Error for RobotError {}
-
-/// Error for a shape that has no extent or no points, or a number that is not finite.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct ShapeError {
-    /// Name of the invalid argument.
-    pub field: String,
-    /// Description of the fault and its remedy.
-    pub message: String,
-}
-
-impl ShapeError {
-    pub(crate) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
-        Self { field: field.into(), message: message.into() }
-    }
-}
-
-impl fmt::Display for ShapeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.field, self.message)
-    }
-}
-
-impl std::error::Error for ShapeError {}
+field_error!(
+    /// Parts of a robot do not fit each other.
+    RobotError
+);
+field_error!(
+    /// A shape has no extent or no points, or a number is not finite.
+    ShapeError
+);
 
 /// Error for a joint vector of the wrong length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
+use crate::checked_when_read;
 use crate::{Convex, Inertia, Pose, RobotError, is_rigid, rotation_about};
 
 /// Tolerance for the length of unit axes.

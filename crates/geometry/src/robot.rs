@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{Rotation3, Translation3};
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
+use crate::checked_when_read;
 use crate::pose::{product, rotated, turned};
 use crate::self_collisions::CloseLinks;
 use crate::{

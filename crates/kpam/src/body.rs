@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_geometry::{Convex, Pose, is_rigid};
+use gensim2_geometry::{Convex, Pose, checked_when_read, is_rigid};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::ProblemError;
-use crate::checked::checked_when_read;
 
 /// Maximum distance (m) of a body's points from the base; a larger distance counts as damaged input.
 const FARTHEST: f64 = 1e3;

@@ -63,7 +63,6 @@
 mod actuation;
 mod body;
 mod cancel;
-mod checked;
 pub mod config;
 mod default_limits;
 #[cfg(test)]

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ProblemError;
 use crate::body::place;
-use crate::checked::checked_when_read;
+use gensim2_geometry::checked_when_read;
 
 /// Permitted deviation of an axis's length from 1.
 const UNIT: f64 = 1e-6;

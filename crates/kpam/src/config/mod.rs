@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::ConfigError;
-use crate::checked::checked_when_read;
+use gensim2_geometry::checked_when_read;
 
 mod build;
 mod read;

@@ -1,11 +1,10 @@
 //! A parallel gripper: its pads, their stroke, and its collision shapes.
 
-use gensim2_geometry::{Convex, JointKind, Pose, Robot, is_rigid};
+use gensim2_geometry::{Convex, JointKind, Pose, Robot, checked_when_read, is_rigid};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::ProblemError;
-use crate::checked::checked_when_read;
 
 /// Minimum cosine between a finger's sliding direction and the closing axis.
 const ALONG: f64 = 0.99;

@@ -3,11 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-use gensim2_geometry::{Pose, Robot};
+use gensim2_geometry::{Pose, Robot, checked_when_read};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
 use crate::config::Constraint;
 use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::{Compiled, Schedule};

@@ -8,9 +8,9 @@ use super::smooth;
 use super::spline::Spline;
 use super::time_scaling::{drive, stretch};
 use super::torque::{Dynamics, SAMPLED};
-use crate::checked::checked_when_read;
 use crate::model::{JointMap, MAX_JOINTS, Row};
 use crate::{Cancel, ProblemError};
+use gensim2_geometry::checked_when_read;
 
 /// A motion in time of all joints of the robot. It consists of cubics averaged over a short time window, or of quintics
 /// if the jerk limits are low. Position, velocity, acceleration and jerk are known exactly at every time.

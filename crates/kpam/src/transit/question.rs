@@ -6,9 +6,9 @@ use std::time::Duration;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::checked::checked_when_read;
 use crate::options::LimitSet;
 use crate::{Cancel, CannotStop, Options, Overload, ProblemError, SolverConfig, Trajectory};
+use gensim2_geometry::checked_when_read;
 
 /// Largest permitted seed.
 const MAX_SEED: usize = 1_000_000;

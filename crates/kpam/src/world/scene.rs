@@ -4,13 +4,12 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-use gensim2_geometry::{Inertia, Pose, Robot, points_within};
+use gensim2_geometry::{Inertia, Pose, Robot, checked_when_read, points_within};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::compiled::Compiled;
 use super::{Bodies, Checker, joint_motion};
-use crate::checked::checked_when_read;
 use crate::{Body, KeypointProblem, KeypointProblemBuilder, ObjectJoint, ProblemError, Role, SolverConfig};
 
 /// A joint of an object, and the names of the bodies that it moves.
