@@ -11,6 +11,7 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
+from gensim2.robots.force import FORCE_LIMIT
 
 Array = npt.NDArray[np.float64]
 
@@ -90,9 +91,6 @@ MARGIN = 0.1
 TOOL_SPEED = 1.7
 """Maximum tool speed (m/s) at full arm speed: the limit of the Panda, which is the lowest of all supported arms."""
 
-FORCE = 140.0
-"""Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
-
 JUMP = 0.2
 """Default maximum distance (rad or m) of an episode's first action from the arm's position."""
 LEASH = 0.04
@@ -160,7 +158,7 @@ class ArmLimits:
         low: tuple[float, float, float] = (-0.3, -0.9, 0.0),
         high: tuple[float, float, float] = (0.95, 0.9, 1.25),
         clearance: float = 0.005,
-        force: float = FORCE,
+        force: float = FORCE_LIMIT,
         jump: float = JUMP,
     ) -> ArmLimits:
         """Return the limits of a robot.

@@ -10,10 +10,11 @@ from typing import Any, Literal, cast
 from gensim2.core.errors import InputError
 from gensim2.perception import DepthNoise
 from gensim2.policy.remote.client import DEADLINE
+from gensim2.robots.force import FORCE_LIMIT
 from gensim2.rollout.config import TRUE_SCENE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.scenes.config import SceneArguments, split_arguments
-from gensim2_robot.arm_limits import FORCE, JUMP, MARGIN, SPEED
+from gensim2_robot.arm_limits import JUMP, MARGIN, SPEED
 from gensim2_robot.calibration.file import DAYS
 from gensim2_robot.watch import WatchRules
 
@@ -153,7 +154,7 @@ class LineConfig:
     deadline: float = DEADLINE
     speed: float = SPEED
     margin: float = MARGIN
-    force: float = FORCE
+    force: float = FORCE_LIMIT
     jump: float = JUMP
     pixels: tuple[int, int] = (320, 240)
     rate: float = 10.0

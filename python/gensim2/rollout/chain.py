@@ -161,7 +161,7 @@ class ChainController:
 
     def _next(self, observation: PrivilegedObservation) -> Action | None:
         if self._retreat is not None:
-            return self._follow_retreat(self._retreat)
+            return self._follow_retreat(observation, self._retreat)
         while True:
             run = self._running
             if run is not None:
@@ -237,9 +237,9 @@ class ChainController:
         ) > self._profile.steps(self._task.max_seconds):
             return None
         self._retreat = retreat
-        return self._follow_retreat(retreat)
+        return self._follow_retreat(observation, retreat)
 
-    def _follow_retreat(self, retreat: Retreat) -> Action | None:
+    def _follow_retreat(self, observation: PrivilegedObservation, retreat: Retreat) -> Action | None:
         if retreat.is_over or self._last is None:
             return None
         row, command = retreat.ran, float(self._last[-1])

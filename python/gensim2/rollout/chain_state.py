@@ -71,6 +71,7 @@ class ChainPlan:
             by :func:`room_for_hand`.
         makes_room: whether the plan only moves an obstacle out of the way.
         ran: number of actions executed so far.
+        is_stopped: whether the motion was ended before its last action.
     """
 
     strategy: str
@@ -82,6 +83,7 @@ class ChainPlan:
     room: float = ROOM
     makes_room: bool = False
     ran: int = 0
+    is_stopped: bool = False
 
     @property
     def rank(self) -> tuple[bool, int, int]:
@@ -99,7 +101,7 @@ class ChainPlan:
 
     @property
     def is_over(self) -> bool:
-        return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
+        return self.is_stopped or self.planned.schedule is None or self.ran >= len(self.planned.schedule)
 
     def next_action(self) -> Action:
         """Return the next action of a plan that has actions left."""

@@ -37,6 +37,7 @@ class Cause(StrEnum):
     GRASP_LOST = "grasp lost"
     OBJECT_DRIFTED = "object drifted"
     OBJECT_NOT_SEEN = "object not seen"
+    FORCE_LIMIT = "force limit reached"
     PLACED_BESIDE = "placed beside the goal"
     GOAL_UNDONE = "goal undone after release"
     HAPPENS_BY_ITSELF = "happens in the no-op baseline"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 import gensim2_kpam as kpam
@@ -27,10 +28,12 @@ from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import Strategy, centered
 from gensim2.robots import DEFAULT_ROBOT, robot
+from gensim2.robots.force import FORCE_LIMIT, Yielding
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
+from gensim2.rollout.retreat import Retreat
 from gensim2.rollout.watch import Held
 from gensim2.scenes.arguments import as_task
 from gensim2.tasks.library import load_strategies
@@ -39,6 +42,16 @@ from gensim2.tasks.spec import Step, TaskSpec
 
 SLACK = 0.03
 """Maximum excess (m) of the distance of an object from its goal if the controller leaves the object there."""
+FORCE_SHARE = 0.84
+"""Fraction of the force limit that the drives may use. The rest is for the arm's momentum, and for contacts at other
+points than the tool."""
+BEHIND = 0.01
+"""Distance (m) by which the force limit may hold the tool's target back while the plan goes on."""
+BLOCKED_SECONDS = 0.25
+"""Time (s) for which an obstacle must block the arm on its way to the object before the motion ends."""
+BLOCKED_SHARE = 0.3
+"""An arm that presses with the largest permitted force counts as blocked below this fraction of the speed that it would
+have without an obstacle."""
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 
@@ -67,6 +80,8 @@ class _Chain(ChainController):
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
         super().reset(observation, seed)
         self.is_finished = self.has_left_object = False
+        self._blocked = 0
+        self._force = Yielding(self._profile, FORCE_SHARE * FORCE_LIMIT)
 
     def resume(self, last: Action, *, from_start: bool = False) -> None:
         """Plan again after the controller has already ended the episode as successful. Call this method if a new
@@ -120,6 +135,59 @@ class _Chain(ChainController):
         self.has_left_object |= left
         return left
 
+    def _follow(self, run: ChainPlan, observation: PrivilegedObservation) -> Action:
+        schedule = run.planned.schedule
+        assert schedule is not None
+        is_free = run.ran < schedule.contact
+        targets, is_behind = self._yielding(observation, run.actions[run.ran][:-1], is_free)
+        is_blocked = is_behind and self._is_blocked(observation, targets)
+        if is_blocked and is_free and self._blocked >= self._profile.steps(BLOCKED_SECONDS):
+            run.is_stopped, self._blocked = True, 0
+            self._notice(observation, Cause.FORCE_LIMIT)
+            return self._with_last_command(observation.q[list(self._profile.arm_columns)])
+        if is_behind and (is_free or not is_blocked):
+            # The arm still moves towards the targets of this control step.
+            return self._with_last_command(targets)
+        # If the arm is blocked at the object, the joint is at the end of its range, or the object resists. The plan
+        # goes on, and leads away from the object.
+        return np.append(targets, super()._follow(run, observation)[-1]).astype(np.float32)
+
+    def _follow_retreat(self, observation: PrivilegedObservation, retreat: Retreat) -> Action | None:
+        if retreat.is_over or self._last is None:
+            return None
+        targets, is_behind = self._yielding(observation, retreat.targets[retreat.ran], is_free=True)
+        if not is_behind:
+            super()._follow_retreat(observation, retreat)
+        elif self._is_blocked(observation, targets) and self._blocked >= self._profile.steps(BLOCKED_SECONDS):
+            retreat.ran = len(retreat.targets)
+        return self._with_last_command(targets)
+
+    def _yielding(
+        self, observation: PrivilegedObservation, asked: npt.NDArray[np.float32], is_free: bool
+    ) -> tuple[npt.NDArray[np.float64], bool]:
+        """Return arm targets (m,) that keep the force limit, and whether the tool is too far behind the requested
+        targets (m,) for the plan to go on.
+        """
+        targets, short = self._force.targets(observation.q, observation.qvel, asked.astype(np.float64), is_free=is_free)
+        if short <= BEHIND:
+            self._blocked = 0
+        return targets, short > BEHIND
+
+    def _with_last_command(self, targets: npt.NDArray[np.float64]) -> Action:
+        return np.append(targets, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
+
+    def _is_blocked(self, observation: PrivilegedObservation, targets: npt.NDArray[np.float64]) -> bool:
+        """Return whether an obstacle stops the arm although it presses with the largest permitted force."""
+        columns = list(self._profile.arm_columns)
+        ahead = targets - observation.q[columns]
+        moved = self._profile.lags * observation.qvel[columns]
+        # Without an obstacle, the distance to the targets is the tracking delay times the velocity.
+        if moved @ ahead > BLOCKED_SHARE * (ahead @ ahead):
+            self._blocked = 0
+            return False
+        self._blocked += 1
+        return True
+
     def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         # Only the fingers are observed during a motion, and only they show whether a grasped object is lost.
         return self._check_grasp(observation, run) if observation.measurement.poses else None
@@ -135,6 +203,10 @@ class PerceivingChain:
     steps if a rigid object is not at its goal. If the first point cloud does not show all objects of the task, the
     episode ends without an action, and the controller reports an event with :attr:`Cause.OBJECT_NOT_SEEN`. The task may
     have rigid objects, but at most one articulated object.
+
+    The arm presses with a limited force (:mod:`~gensim2.robots.force`). If an obstacle blocks the arm on its way to the
+    object, the motion ends, the controller reports an event with :attr:`Cause.FORCE_LIMIT`, estimates the scene again,
+    and plans again.
 
     A grasped object moves with the hand. The joint positions of the fingers show whether the hand has missed or lost
     the object. After the release, the next point cloud shows where the object lies.

@@ -37,6 +37,9 @@ class ClassConstants(BaseModel):
         frame: (3, 3) rotation of the object frame in the world, if the object is in its default placement and its joint
             is at zero.
         span: smallest and largest joint range (rad or m) of the training objects; None if it is not known.
+        least_extent: extent (m) that the visible part of the training objects has at least, before the deformation of
+            the training clouds (:func:`~gensim2.perception.estimation.presence.connected_extent`); None if it is not
+            known.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -48,6 +51,7 @@ class ClassConstants(BaseModel):
     object_axis: Literal["x", "y", "z"]
     frame: tuple[Row, Row, Row]
     span: tuple[Positive, Positive] | None = None
+    least_extent: Positive | None = None
 
     @staticmethod
     def of(model: ArticulatedObject) -> ClassConstants:

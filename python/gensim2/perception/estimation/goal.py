@@ -24,6 +24,7 @@ from gensim2.perception.estimation.estimator import (
 )
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET
+from gensim2.perception.estimation.presence import why_absent
 from gensim2.perception.estimation.rigid import RigidEstimate, clusters, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import CELL, planning_scene
@@ -39,8 +40,6 @@ DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), hig
 cover only a dozen pixels."""
 FINE_CELL = 0.02
 """Side of the grid cells (m) of obstacle boxes in dense clouds (:data:`~gensim2.perception.estimation.scene.CELL`)."""
-CLASS_ODDS = 100.0
-"""Prior odds that an articulated object in the cloud has the task's class instead of another class."""
 LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""
 LEAST_SEEN = 0.25
@@ -198,7 +197,7 @@ class GoalTracker:
         self.looks.append(seen)
         found = seen.objects[0] if seen.objects else None
         if self.track is None:
-            self.mismatch = self.mismatch or self._mismatch(found)
+            self.mismatch = self.mismatch or self._mismatch(found, cloud)
         if found is None or self.mismatch is not None or len(found.points) < LEAST_SEEN * self._seen_at_first:
             self.track = None if self.track is None else replace(self.track, change=None)
             return
@@ -297,20 +296,14 @@ class GoalTracker:
             return np.full(3, np.inf), np.full(3, -np.inf)
         return points.min(axis=0), points.max(axis=0)
 
-    def _mismatch(self, found: ObjectEstimate | None) -> dict[str, Any] | None:
+    def _mismatch(self, found: ObjectEstimate | None, cloud: Points) -> dict[str, Any] | None:
         """Return why a cloud does not show an object of the task's class; None if the cloud shows the object."""
         detail: dict[str, Any] = {"object": self.name} if self.rigid.shapes else {}
+        assert self.asset_class is not None
         detail["class"] = self.asset_class
-        if found is not None:
-            likeliest = max(found.classes, key=lambda name: found.classes[name])
-            if CLASS_ODDS * found.confidence >= found.classes[likeliest]:
-                return None
-            detail |= {
-                "probability": round(found.confidence, 4),
-                "likeliest": likeliest,
-                "probability_of_likeliest": round(found.classes[likeliest], 4),
-            }
-        return detail
+        kind = self.estimator.classes[by_name(self.estimator.classes, self.asset_class)]
+        why = why_absent(found, cloud, kind)
+        return None if why is None else detail | why
 
     @property
     def has_moved(self) -> bool:

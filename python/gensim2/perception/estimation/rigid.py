@@ -207,15 +207,15 @@ class RigidEstimate:
         )
 
 
-def clusters(points: Array) -> list[Indices]:
+def clusters(points: Array, link: float = LINK) -> list[Indices]:
     """Divide points (N, 3) into clusters, and return the row indices of each cluster, the largest cluster first.
 
-    Two points belong to the same cluster if a chain of points with distances of at most ``LINK`` connects them.
+    Two points belong to the same cluster if a chain of points with distances of at most ``link`` (m) connects them.
     Clusters with fewer than ``LEAST_IN_CLUSTER`` points are left out.
     """
     if len(points) < LEAST_IN_CLUSTER:
         return []
-    pairs = cKDTree(points).query_pairs(LINK, output_type="ndarray")
+    pairs = cKDTree(points).query_pairs(link, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     count, labels = connected_components(graph, directed=False)
     found = [np.flatnonzero(labels == number) for number in range(count)]

@@ -25,6 +25,7 @@ from gensim2.perception.estimation.estimator import SceneEstimator
 from gensim2.perception.estimation.examples import Example, example, object_looks, stacked, training_instances
 from gensim2.perception.estimation.measuring import calibrated
 from gensim2.perception.estimation.network import TARGET, WEIGHTS, SceneNetwork, features_of, losses
+from gensim2.perception.estimation.presence import connected_extent
 from gensim2.policy.array_file import Arrays, read_arrays, write_arrays
 from gensim2.policy.config import TrainConfig
 from gensim2.policy.train import optimizer_of, take_steps
@@ -36,6 +37,8 @@ EXAMPLES, TRAINING = "examples", "training"
 OBJECTS_A_FILE = 4
 CALIBRATION = 3
 """Number of additional objects of each class with which the predicted deviations are calibrated."""
+LEAST_QUANTILE = 0.02
+"""Quantile of the visible extents of a class's training objects that counts as the smallest one."""
 ROOM = 1_000_000
 """Maximum number of clouds of a training run; this number of clouds takes 14 GB of memory."""
 VOTERS = 384
@@ -190,17 +193,29 @@ def _examples(
         assert isinstance(model, ArticulatedObject)
         constants.append(ClassConstants.of(model))
         kept, ranges = max(len(ids) - CALIBRATION, 1), []
+        extents: list[float] = []
         groups = [ids[first : min(first + OBJECTS_A_FILE, kept)] for first in range(0, kept, OBJECTS_A_FILE)]
         for number, group in enumerate([*groups, ids[kept:]]):
             found = _file_of(library, profile, settings, folder / f"{name}-{number}.npz", name, group)
             if found is not None:
                 (held_out if number == len(groups) else training).append(found)
                 ranges.append(np.ptp(found["limits"], axis=1))
+                extents += _extents(found)
             progress.advance()
         if ranges:
             spans = np.concatenate(ranges).astype(np.float64)
-            constants[-1] = constants[-1].model_copy(update={"span": (float(spans.min()), float(spans.max()))})
+            span, least = (float(spans.min()), float(spans.max())), float(np.quantile(extents, LEAST_QUANTILE))
+            # A class whose objects the cameras hardly see has no smallest extent.
+            constants[-1] = constants[-1].model_copy(update={"span": span, "least_extent": least or None})
     return tuple(constants), _joined(training), _joined(held_out or training[:1])
+
+
+def _extents(examples: Arrays) -> list[float]:
+    """Return the extent (m) of the visible part of the object in each example."""
+    return [
+        connected_extent(from_steps(points)[group == TARGET])
+        for points, group in zip(examples["points"], examples["group"], strict=True)
+    ]
 
 
 def _file_of(

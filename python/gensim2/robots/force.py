@@ -1,0 +1,126 @@
+"""Limit the force with which the arm can press on an unforeseen obstacle."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.robots.profile import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+FORCE_LIMIT = 140.0
+"""Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
+TRANSIENT = 2.0
+"""Factor on the force limit, from ISO/TS 15066, for the short time between a collision of the moving arm and its next
+command."""
+IN_CONTACT = 1.3
+"""The same factor during a contact that a plan expects, such as a push. Collisions are probable there, for example at
+the end of a joint's range, so the arm moves more slowly than elsewhere."""
+LEAST_COMPLIANCE = 1e-7
+"""Lower bound of the tool's compliance, m/N, for arms in a singular configuration."""
+HALVINGS = 40
+
+
+class Yielding:
+    """Shortens the targets of the arm's drives, so that the tool presses on an obstacle with a limited force.
+
+    The drives act as springs and dampers between the joints and their targets. If an obstacle holds the tool at the
+    measured joints ``q``, the force ``F`` (3,) on the obstacle is the one that moves the tool, against the springs,
+    from its position at the targets back to its position at ``q``: ``J K^-1 J^T F = J (targets - q)``, with the
+    Jacobian ``J`` (3, m) of the tool's position and the stiffness ``K`` of the drives. The force does not depend on the
+    obstacle's material, so no force sensor is needed.
+
+    Two conditions hold for the targets. The springs and the dampers together press with at most ``limit``. The springs
+    alone press with at most ``TRANSIENT`` times ``limit``, because the dampers do not act any more when an obstacle has
+    stopped the arm. The second condition also limits the speed.
+
+    Args:
+        profile: robot profile.
+        limit: maximum force, N.
+
+    Example:
+        >>> yielding = Yielding(robot("panda"), limit=100.0)
+        >>> targets, short = yielding.targets(q, qvel, asked)
+    """
+
+    def __init__(self, profile: RobotProfile, limit: float) -> None:
+        self.profile, self.limit = profile, limit
+        self._columns = list(profile.arm_columns)
+        self._softness = np.array([1.0 / drive.stiffness for drive in profile.arm_drives])
+
+    def force(self, q: Array, targets: Array) -> float:
+        """Return the force (N) of the tool on an obstacle that holds it at ``q``.
+
+        Args:
+            q: (n,) positions of all active joints, rad or m.
+            targets: (m,) targets of the arm's drives, rad or m.
+        """
+        return self._force(self._jacobians(q)[0], targets - q[self._columns])
+
+    def targets(self, q: Array, qvel: Array, asked: Array, *, is_free: bool) -> tuple[Array, float]:
+        """Return targets that keep the force limit, and the distance by which they move the tool's target.
+
+        Args:
+            q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
+            asked: (m,) requested targets of the arm's drives, rad or m.
+            is_free: whether no contact is expected. The targets then lie on the straight line from the measured joints
+                to the requested targets, so that the arm does not leave a path that is free of collisions.
+
+        Returns:
+            Targets (m,), rad or m, and the distance of the tool's target from the requested one, m.
+        """
+        here, found = q[self._columns], asked
+        # With these targets, the springs and the dampers cancel.
+        coasting = here + self.profile.lags * qvel[self._columns]
+        transient = TRANSIENT if is_free else IN_CONTACT
+        points = self._jacobians(q)
+        for origin, limit in ((coasting, self.limit), (here, transient * self.limit)):
+            stretched = found - origin
+            force = max(self._force(jacobian, stretched) for jacobian in points)
+            if force > limit and not is_free:
+                for jacobian in points:
+                    stretched = stretched - self._excess(jacobian, stretched, limit)
+                # The change for the hand may have increased the force of the tool.
+                force = max(self._force(jacobian, stretched) for jacobian in points)
+                found = origin + stretched
+            if force > limit:
+                found = origin + limit / force * stretched
+        return found, float(np.linalg.norm(points[0] @ (asked - found)))
+
+    def _jacobians(self, q: Array) -> list[Array]:
+        """Return the Jacobians (3, m) of the positions of the tool and of the hand."""
+        links = (self.profile.tool_link, None)
+        return [np.asarray(self.profile.model.jacobian(q, link)[:3, self._columns]) for link in links]
+
+    def _force(self, jacobian: Array, stretched: Array) -> float:
+        moved = jacobian @ stretched
+        return float(np.linalg.norm(np.linalg.lstsq(self._compliance(jacobian), moved, rcond=None)[0]))
+
+    def _compliance(self, jacobian: Array) -> Array:
+        """Return the displacement of the tool for each force on it (3, 3), m/N."""
+        return np.asarray((jacobian * self._softness) @ jacobian.T)
+
+    def _excess(self, jacobian: Array, stretched: Array, limit: float) -> Array:
+        """Return the change (m,) of the springs that must be taken back so that the force keeps the limit.
+
+        Of all forces that keep the limit, the one is left whose target position of the tool is nearest to the requested
+        one. An almost stretched arm presses hard in the direction in which it is stretched, even if its targets lie
+        only millimetres ahead, and only these millimetres are then taken back.
+        """
+        compliance, directions = np.linalg.eigh(self._compliance(jacobian))
+        compliance = np.maximum(compliance, LEAST_COMPLIANCE)
+        force = directions.T @ (jacobian @ stretched) / compliance
+        if np.linalg.norm(force) <= limit:
+            return np.zeros_like(stretched)
+        # The rest is force * compliance^2 / (compliance^2 + x), and decreases with x.
+        square = compliance**2
+        low, high = 0.0, float(square.max() * np.linalg.norm(force) / limit)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if np.linalg.norm(force * square / (square + middle)) > limit:
+                low = middle
+            else:
+                high = middle
+        rest = force * square / (square + high)
+        return np.asarray(self._softness * (jacobian.T @ (directions @ (force - rest))))

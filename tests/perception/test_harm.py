@@ -1,0 +1,140 @@
+"""Wrong estimates do no harm: missing objects are refused, and the arm presses with a limited force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from gensim2.objects import RigidObject, open_library
+from gensim2.perception.estimation import PerceivingChain, chain
+from gensim2.perception.estimation.presence import connected_extent
+from gensim2.robots import robot
+from gensim2.robots.force import FORCE_LIMIT, TRANSIENT, Yielding
+from gensim2.rollout.controller import spec_of
+from gensim2.rollout.record import Cause
+from gensim2.rollout.run import run
+from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.randomize import placed
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.library import load_task
+from gensim2.tasks.spec import ObjectSpec
+
+Array = npt.NDArray[np.float64]
+PANDA = robot("panda")
+Q = np.array(PANDA.reset_qpos)
+ARM = list(PANDA.arm_columns)
+
+
+class MeasuredForce(HeadlessEnv):
+    """Measures the contact force on the robot, averaged over each control step, N."""
+
+    def reset(self, seed: int, options: object = None, *, robot: bool = True) -> None:
+        super().reset(seed, robot=robot)
+        if robot:
+            self.forces: list[float] = []
+
+    def _advance(self) -> None:
+        found = []
+        for _ in range(self.profile.substeps):
+            self._scene.step()
+            if self._scene.robot is not None:
+                found.append(self._scene.pressing_force())
+        self.elapsed_steps += 1
+        if found:
+            self.forces.append(float(np.mean(found)))
+
+
+@pytest.mark.parametrize("is_limited", [True, False])
+def test_a_door_is_closed_within_the_force_limit(monkeypatch: pytest.MonkeyPatch, is_limited: bool) -> None:
+    """The push goes beyond the estimated end of the joint's range, so the door stops the arm."""
+    if not is_limited:
+        monkeypatch.setattr(chain, "FORCE_SHARE", 100.0)
+    world = MeasuredForce("CloseRefrigeratorDoor", assets="builtin", engine="mujoco")
+    assert run(world, PerceivingChain("CloseRefrigeratorDoor"), seed=3).episode.held
+    assert (max(world.forces) <= FORCE_LIMIT) == is_limited
+
+
+def test_a_held_arm_presses_with_the_limit_and_ends_its_motion() -> None:
+    """An obstacle holds the arm on its way to the object: the observed joints do not change."""
+    env = HeadlessEnv("OpenBox", assets="builtin", engine="mujoco")
+    env.reset(0)
+    controller = PerceivingChain("OpenBox")
+    seen = env.observe(spec_of(controller))
+    controller.reset(seen, 0)
+    q, yielding = env.q, Yielding(PANDA, FORCE_LIMIT)
+    forces: list[float] = []
+    for step in range(100):
+        action = controller.act(replace(seen, step=step))
+        assert action is not None
+        forces.append(yielding.force(q, action[:-1].astype(np.float64)))
+        if controller.events:
+            break
+    assert [event.what for event in controller.events] == [Cause.FORCE_LIMIT]
+    # The force of the hand may be the one at its limit, and the force of the tool then is smaller.
+    assert 0.9 < max(forces) / (chain.FORCE_SHARE * FORCE_LIMIT) <= 1.001
+    assert forces[-1] == pytest.approx(0.0, abs=0.1)  # The arm no longer presses.
+
+
+@pytest.mark.parametrize("is_free", [True, False])
+def test_limited_targets_press_with_the_limit(is_free: bool) -> None:
+    """The force is the multiplier of the constraint that the tool stays where it is."""
+    yielding = Yielding(PANDA, 50.0)
+    asked = Q[ARM] + np.array([0.1, 0.3, -0.1, 0.2, 0.0, -0.3, 0.4])
+    targets, short = yielding.targets(Q, np.zeros(len(Q)), asked, is_free=is_free)
+    stiffness = np.diag([drive.stiffness for drive in PANDA.arm_drives])
+    jacobian = PANDA.model.jacobian(Q, PANDA.tool_link)[:3, ARM]
+    system = np.block([[stiffness, jacobian.T], [jacobian, np.zeros((3, 3))]])
+    solved = np.linalg.solve(system, np.concatenate([stiffness @ (targets - Q[ARM]), np.zeros(3)]))
+    force = float(np.linalg.norm(solved[-3:]))
+    assert force == pytest.approx(yielding.force(Q, targets))
+    assert 0.5 * 50.0 < force <= 50.0 + 1e-6  # The force on the hand may be the one at its limit.
+    assert short == pytest.approx(float(np.linalg.norm(jacobian @ (asked - targets))))
+    if is_free:
+        share = (targets - Q[ARM])[[0, 1, 6]] / (asked - Q[ARM])[[0, 1, 6]]
+        np.testing.assert_allclose(share, share[0])
+
+
+def test_small_changes_of_the_targets_are_not_limited_and_speed_is() -> None:
+    yielding = Yielding(PANDA, 50.0)
+    asked = Q[ARM] + 0.001
+    targets, short = yielding.targets(Q, np.zeros(len(Q)), asked, is_free=True)
+    assert short == 0.0
+    np.testing.assert_array_equal(targets, asked)
+    # An arm that moves as fast as its targets presses on nothing, but an obstacle would stop it.
+    velocity = np.zeros(len(Q))
+    velocity[0] = 1.0
+    targets, _ = yielding.targets(Q, velocity, Q[ARM] + PANDA.lags * velocity[ARM], is_free=True)
+    assert 0.0 < yielding.force(Q, targets) <= TRANSIENT * 50.0 + 1e-6
+
+
+def test_the_extent_is_that_of_the_largest_connected_part() -> None:
+    line = np.zeros((30, 3), dtype=np.float32)
+    line[:, 0] = np.linspace(0.0, 0.3, 30)
+    alone = line[:10] + np.float32(1.0)
+    assert connected_extent(np.concatenate([line, alone])) == pytest.approx(0.3, abs=1e-6)
+    assert connected_extent(line[:2]) == 0.0
+
+
+@pytest.mark.parametrize("names", [("master_chef_can",), ("mug", "cracker_box", "apple")])
+def test_rigid_objects_alone_are_refused(names: tuple[str, ...]) -> None:
+    library, task = open_library("builtin"), load_task("CloseBox")
+    objects: dict[str, PlacedObject] = {}
+    for number, name in enumerate(names):
+        model = library.load(name, "0")
+        assert isinstance(model, RigidObject)
+        at = np.array([0.0, 0.0, model.placement.position[2]])
+        pose = placed(at, model.placement.quaternion, 0.05 * number, 0.15 * number, 0.3)
+        objects[f"thing_{number}"] = PlacedObject(model, *pose, 0.3, None)
+    shown = {name: ObjectSpec(asset_class=each.model.asset_class) for name, each in objects.items()}
+    env = HeadlessEnv(task.model_copy(update={"objects": shown}), assets="builtin", engine="mujoco")
+    env._drawn = (0, InitialState(objects, 1, PANDA.reset_qpos, "paper"))
+    env.reset(0)
+    controller = PerceivingChain(task)
+    seen = env.observe(spec_of(controller))
+    controller.reset(seen, 0)
+    assert controller.act(seen) is None
+    assert [event.what for event in controller.events] == [Cause.OBJECT_NOT_SEEN]
+    assert controller.plans == []
