@@ -64,6 +64,8 @@ EDGES = (0.05, 0.95)
 """Quantiles of the points that count as the left and the right edge of a sliding part."""
 FRONT = 0.9
 """Quantile of the points along the joint that counts as the front of a sliding part, in spite of its handle."""
+PULLED_OUT = 0.25
+"""Weight of the middle of the part that is pulled out in the keypoint inside a drawer."""
 INSIDE_HEIGHT, MOST_RAISED = 0.4, 0.06
 """Height of the keypoint inside a drawer as a fraction of the height of its sides, and maximum correction (m)."""
 MOST_TURNED = 0.6
@@ -338,9 +340,9 @@ def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointE
 
     The last keypoint, which is inside the drawer, is moved sideways to the middle between the sides, and to a fixed
     fraction of the height of the sides if it is less than ``MOST_RAISED`` away from there. Along the joint, it becomes
-    the mean of two points: the estimated one, which in generated drawers is the middle of the whole drawer, and the
-    middle of the part that is pulled out, which is the keypoint of most real drawers. Other keypoints, such as the
-    handle, are moved sideways to the middle only if they are not between the sides.
+    the weighted mean of two points: the estimated one, which in generated drawers is the middle of the whole drawer,
+    and the middle of the part that is pulled out, which is the keypoint of most real drawers. Other keypoints, such as
+    the handle, are moved sideways to the middle only if they are not between the sides.
 
     The half of the points that lies farthest in the direction of opening shows the front and both sides. The other half
     often contains points of the cabinet.
@@ -368,7 +370,7 @@ def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointE
             raised = bottom + INSIDE_HEIGHT * (top - bottom) - at[2]
             if abs(raised) < MOST_RAISED:
                 found[name] = found[name] + np.array([0.0, 0.0, raised])
-            found[name] = found[name] + 0.5 * (front - 0.5 * joint.value - at @ joint.axis) * joint.axis
+            found[name] = found[name] + PULLED_OUT * (front - 0.5 * joint.value - at @ joint.axis) * joint.axis
     return found
 
 

@@ -49,11 +49,9 @@ that moves back by this displacement does not stand still.
 """
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
-
-
-MOST_DEVIATIONS = 3.0
+MOST_DEVIATIONS, REPEATED = 3.0, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end.
+at this end. If already the second motion in a row does not move the joint, a difference of ``REPEATED`` is allowed.
 """
 
 
@@ -182,7 +180,8 @@ class Track:
         The new openness is a weighted mean of two values: the openness in the new estimate, and the openness in the old
         estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
         joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
-        of its range, unless the new openness contradicts this.
+        of its range, unless the new openness contradicts this. If two motions in a row do not move the joint, a larger
+        contradiction is allowed.
 
         If a motion has moved a prismatic joint, and the new openness agrees with the measured displacement, each
         keypoint is the more certain of two: the new keypoint, and the old keypoint after the displacement.
@@ -215,7 +214,8 @@ class Track:
         deviation = least if is_still else float(shares.sum() ** -0.5)
         if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
             end = 0.5 + 0.5 * goal
-            if abs(new.openness - end) <= MOST_DEVIATIONS * new.openness_deviation:
+            most = MOST_DEVIATIONS * new.openness_deviation
+            if abs(new.openness - end) <= (max(most, REPEATED) if self.misses else most):
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
 
