@@ -39,13 +39,8 @@ impl Transit<'_> {
     /// Returns the fastest motion from the start state that ends at rest at `goal`, ignoring obstacles; `None` if this
     /// motion exceeds the joint limits.
     fn straight_to(&self, goal: &Row) -> Option<Trajectory> {
-        let [position, velocity, acceleration] = &self.state;
-        let nodes = to_rest(&self.limits, position, velocity, acceleration, goal);
-        if !keeps(&self.limits, [&self.model.lower, &self.model.upper], &nodes) {
-            return None;
-        }
         let mut builder = self.builder();
-        builder.append_nodes(&nodes);
+        builder.append_nodes(&self.lead(goal)?);
         let motion = builder.clone().build(self.model.map());
         builder.bears(&motion).then_some(motion)
     }

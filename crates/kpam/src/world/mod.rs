@@ -34,6 +34,7 @@ pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
 pub(crate) use compiled::{CONTACT, Close, Compiled, place_of};
+use margins::Distances;
 pub(crate) use margins::Margins;
 pub(crate) use movers::is_below;
 pub(crate) use query::Clearances;
@@ -57,38 +58,12 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// Signed distances (m) of all pairs at the start, and when a body is picked; infinite if not measured. Pairs that are
-/// too close then need not move apart, but must not come closer.
+/// Signed distances (m) of pairs that are too close at the start, or overlap when a body is picked. These pairs need not
+/// move apart, but must not come closer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
-    bodies: usize,
-    start_bodies: Vec<f64>,
-    start_pairs: Vec<f64>,
-    picked_bodies: Vec<f64>,
-    picked_pairs: Vec<f64>,
-}
-
-impl Overlaps {
-    fn new(groups: usize, bodies: usize, pairs: usize) -> Self {
-        Self {
-            bodies,
-            start_bodies: vec![f64::INFINITY; groups * bodies],
-            start_pairs: vec![f64::INFINITY; pairs],
-            picked_bodies: vec![f64::INFINITY; groups * bodies],
-            picked_pairs: vec![f64::INFINITY; pairs],
-        }
-    }
-
-    /// Distances of a group from a fixed body at the start and when a body is picked.
-    fn body(&self, group: usize, body: usize) -> (f64, f64) {
-        let at = group * self.bodies + body;
-        (self.start_bodies[at], self.picked_bodies[at])
-    }
-
-    /// Distances of a pair of groups at the start and when a body is picked.
-    fn pair(&self, pair: usize) -> (f64, f64) {
-        (self.start_pairs[pair], self.picked_pairs[pair])
-    }
+    start: Distances,
+    picked: Distances,
 }
 
 /// A state of the motion: joint values of the arm, and travel of the object's joint from its initial value (rad or m).
@@ -173,7 +148,7 @@ impl<'p> World<'p> {
             problem,
             model,
             placed: vec![Pose::identity(); objects.groups.len()],
-            known: Overlaps::new(objects.groups.len(), problem.bodies.len(), objects.pairs.len()),
+            known: Overlaps::default(),
             objects,
             movers,
             shapes,

@@ -74,22 +74,28 @@ impl World<'_> {
         found
     }
 
+    /// Index of a group and another body in lists of distances.
+    fn place_of(&self, group: usize, seen: Seen) -> usize {
+        let bodies = self.problem.bodies.len();
+        match seen {
+            Seen::Body(body) => group * bodies + body,
+            Seen::Pair(pair) => self.objects.groups.len() * bodies + pair,
+        }
+    }
+
     /// Returns the margin of a group and another body in a segment.
     pub(super) fn asked(&self, segment: MotionSegment, margins: &Margins, group: usize, seen: Seen) -> f64 {
         if let Some(depth) = self.depth(segment, group, seen) {
-            return margins.touching(&self.known, group, seen, depth);
+            return margins.touching(&self.known, self.place_of(group, seen), depth);
         }
+        let clearance = match seen {
+            Seen::Body(body) if self.is_about_to_touch(segment, group, body) => self.reach_clearance(),
+            Seen::Body(_) | Seen::Pair(_) => margins.clearance.max(self.kept_from(segment, seen)),
+        };
+        let margin = margins.of(&self.known, self.place_of(group, seen), clearance);
         match seen {
-            Seen::Body(body) if self.is_about_to_touch(segment, group, body) => {
-                margins.body(&self.known, group, body, self.reach_clearance())
-            }
-            Seen::Body(body) => {
-                margins.body(&self.known, group, body, margins.clearance.max(self.kept_from(segment, seen)))
-            }
-            Seen::Pair(pair) if self.is_guess(segment, pair) => {
-                margins.pair(&self.known, pair).min(-self.problem.options.guess_depth)
-            }
-            Seen::Pair(pair) => margins.pair(&self.known, pair),
+            Seen::Pair(pair) if self.is_guess(segment, pair) => margin.min(-self.problem.options.guess_depth),
+            Seen::Body(_) | Seen::Pair(_) => margin,
         }
     }
 
@@ -139,8 +145,7 @@ impl World<'_> {
 
     /// Records the distances of all pairs at the start. Pairs that begin too close need only keep this distance.
     pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
-        self.known.start_bodies.fill(f64::INFINITY);
-        self.known.start_pairs.fill(f64::INFINITY);
+        self.known.start.clear();
         (self.start_overlap, self.start_hit) = (0.0, None);
         let found = self.near(state, segment, |world, group, seen| {
             world.depth(segment, group, seen).map_or(world.kept_from(segment, seen), |depth| -depth)
@@ -150,10 +155,7 @@ impl World<'_> {
             if distance >= self.kept_from(segment, seen) {
                 continue;
             }
-            match seen {
-                Seen::Body(body) => self.known.start_bodies[p.group * self.known.bodies + body] = distance,
-                Seen::Pair(pair) => self.known.start_pairs[pair] = distance,
-            }
+            self.known.start.reduce(self.place_of(p.group, seen), distance);
             if self.depth(segment, p.group, seen).is_none() && -distance > self.start_overlap {
                 self.start_overlap = -distance;
                 self.start_hit = Some(self.hit(&p));
@@ -163,8 +165,7 @@ impl World<'_> {
 
     /// Records overlaps of picked bodies with their supports.
     pub(super) fn measure_picked(&mut self, x: &Row) {
-        self.known.picked_bodies.fill(f64::INFINITY);
-        self.known.picked_pairs.fill(f64::INFINITY);
+        self.known.picked.clear();
         let Some(first) = self.schedule.first_after_actuation() else { return };
         let picked = |world: &Self, group: usize| matches!(world.objects.groups[group], Group::Riding(b) if world.problem.bodies[b].role != Role::Attached);
         let is_picked = |world: &Self, group: usize, seen: Seen| match seen {
@@ -179,11 +180,8 @@ impl World<'_> {
             if is_picked(world, group, seen) { world.checked(first, group, seen, 0.0) } else { f64::NEG_INFINITY }
         };
         for (seen, p) in self.near(State::still(x), first, reach) {
-            let distance = p.contact.distance;
-            match seen {
-                _ if distance >= 0.0 => {}
-                Seen::Body(body) => self.known.picked_bodies[p.group * self.known.bodies + body] = distance,
-                Seen::Pair(pair) => self.known.picked_pairs[pair] = distance,
+            if p.contact.distance < 0.0 {
+                self.known.picked.reduce(self.place_of(p.group, seen), p.contact.distance);
             }
         }
     }
@@ -221,12 +219,12 @@ impl World<'_> {
                 world.checked(segment, group, seen, world.kept_from(segment, seen).max(clearance))
             });
             for (seen, p) in found.iter().filter(|(_, p)| p.contact.distance >= -TOUCH) {
-                out.reduce(p.group, *seen, p.contact.distance - TOUCH);
+                out.smaller.reduce(self.place_of(p.group, *seen), p.contact.distance - TOUCH);
             }
         }
         for (pair, groups) in self.objects.pairs.iter().enumerate() {
             if robot.is_often_close(*groups, least) {
-                out.reduce(groups.0, Seen::Pair(pair), -TOUCH);
+                out.smaller.reduce(self.place_of(groups.0, Seen::Pair(pair)), -TOUCH);
             }
         }
         out
@@ -234,15 +232,8 @@ impl World<'_> {
 
     /// Adds to `margins` the distances in `there` of pairs that overlapped at the start and have been separated.
     pub fn keep_apart(&self, margins: &mut Margins, there: Margins) {
-        for ((group, body), margin) in there.bodies {
-            if self.known.body(group, body).0.is_finite() {
-                margins.reduce(group, Seen::Body(body), margin);
-            }
-        }
-        for (pair, margin) in there.pairs {
-            if self.known.pair(pair).0.is_finite() {
-                margins.reduce(self.objects.pairs[pair].0, Seen::Pair(pair), margin);
-            }
+        for (place, margin) in there.smaller.iter().filter(|(place, _)| self.known.start.get(*place).is_finite()) {
+            margins.smaller.reduce(place, margin);
         }
     }
 
