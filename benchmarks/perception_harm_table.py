@@ -63,6 +63,8 @@ def refusals(rows: Sequence[Row]) -> str:
     for noise in sorted({row["noise"] for row in rows}, reverse=True):
         for kinds in (("distractors", "close"), ("other",), ("clutter",), ("other", "clutter")):
             chosen = [row for row in rows if row["noise"] == noise and row["kind"] in kinds]
+            if not chosen:
+                continue
             scenes, refused, empty, held = (
                 sum(row[name] for row in chosen) for name in ("scenes", "refused", "empty", "held")
             )
