@@ -17,6 +17,7 @@ from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import (
     LEAST_POINTS,
     LEVEL,
+    OPEN_ENOUGH,
     ObjectEstimate,
     Points,
     SceneEstimate,
@@ -171,14 +172,17 @@ class GoalTracker:
             seen = thinned(cloud)
             estimate = self.estimator.estimate(seen, self.asset_class)
             of_articulated = _nearest_labels(cloud, seen, _groups(estimate, len(seen))) == TARGET
+        is_shut = False
         if self._carried and self._before is not None:
             # Before the objects in the moving part are sought, they are moved to where the part has carried them.
             [found] = self._estimate(cloud, self._before.found.asset_class).objects or [None]
             if found is not None:
                 self._carry(self._before.displacement(found, cloud, is_expected=self._moves_joint))
+                is_shut = found.joint.openness < OPEN_ENOUGH
         T = self.estimator.profile.T_world_base
         floors = {} if self.floor is None else dict.fromkeys(self._above_floor(), self.floor)
-        own = self.rigid.take_in(cloud @ T[:3, :3].T + T[:3, 3], of_articulated, self._carried, floors)
+        points = cloud @ T[:3, :3].T + T[:3, 3]
+        own = self.rigid.take_in(points, of_articulated, self._carried, floors, is_shut=is_shut)
         self._carried = {name: each for name, each in self._carried.items() if self.rigid.is_hidden(name)}
         if not self.looks and self.rigid.missing:
             name = self.rigid.missing[0]

@@ -130,6 +130,8 @@ class RigidTracker:
         on_articulated: Mask,
         carried: Collection[str] = (),
         floors: Mapping[str, float] | None = None,
+        *,
+        is_shut: bool = False,
     ) -> npt.NDArray[np.int64]:
         """Estimate the objects in a cloud.
 
@@ -139,6 +141,7 @@ class RigidTracker:
             carried: names of objects in a moving part. They are sought only near their poses, because the part hides
                 them, and parts of the articulated object, such as a knob, may have their dimensions.
             floors: heights (m) of the floors below released objects, by name. The objects cannot have fallen lower.
+            is_shut: whether the moving part hides its contents, so that the ``carried`` objects are not sought.
 
         Returns:
             Index (N,) of the object that each point shows, in the order of ``shapes``; -1: none of the objects.
@@ -157,12 +160,13 @@ class RigidTracker:
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
         inside = [name for name in sought if name in carried]
+        shown = [] if is_shut else inside
         released = [name for name in sought if name in self._released and name not in carried]
         unknown = [name for name in sought if name not in inside and name not in released]
         self._place(unknown, points, on_articulated, changed, own)
         held = [] if self.held is None or self._is_left else [self.held]
         self._place([*released, *held], points, on_articulated, changed, own, standing=True)
-        for names, farthest in ((released, FARTHEST_DROP), (inside, FARTHEST_ROLL)):
+        for names, farthest in ((released, FARTHEST_DROP), (shown, FARTHEST_ROLL)):
             for name in [each for each in names if (own != self._index(each)).all()]:
                 floor = (floors or {}).get(name, 0.0)
                 if self._settle(name, points, changed & (own < 0), farthest, floor):
