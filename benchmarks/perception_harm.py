@@ -177,7 +177,7 @@ def drawn_scene(kind: Kind, task: TaskSpec, seed: int, assets: str) -> InitialSt
     if kind != "clutter":
         shown = task if kind != "other" else task.model_copy(update={"objects": {"stranger": _stranger(task, draw)}})
         library = open_library(assets)
-        words = "new" if library.source == "generated" else "all"
+        words = "new" if assets == "builtin" else "all"
         ids = {
             name: tuple(each for each in library.choose(spec.asset_class, words))
             for name, spec in shown.objects.items()

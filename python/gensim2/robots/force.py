@@ -14,9 +14,6 @@ FORCE_LIMIT = 140.0
 TRANSIENT = 2.0
 """Factor on the force limit, from ISO/TS 15066, for the short time between a collision of the moving arm and its next
 command."""
-IN_CONTACT = 1.3
-"""The same factor during a contact that a plan expects, such as a push. Collisions are probable there, for example at
-the end of a joint's range, so the arm moves more slowly than elsewhere."""
 LEAST_COMPLIANCE = 1e-7
 """Lower bound of the tool's compliance, m/N, for arms in a singular configuration."""
 HALVINGS = 40
@@ -73,9 +70,8 @@ class Yielding:
         here, found = q[self._columns], asked
         # With these targets, the springs and the dampers cancel.
         coasting = here + self.profile.lags * qvel[self._columns]
-        transient = TRANSIENT if is_free else IN_CONTACT
         points = self._jacobians(q)
-        for origin, limit in ((coasting, self.limit), (here, transient * self.limit)):
+        for origin, limit in ((coasting, self.limit), (here, TRANSIENT * self.limit)):
             stretched = found - origin
             force = max(self._force(jacobian, stretched) for jacobian in points)
             if force > limit and not is_free:

@@ -42,7 +42,7 @@ from gensim2.tasks.spec import Step, TaskSpec
 
 SLACK = 0.03
 """Maximum excess (m) of the distance of an object from its goal if the controller leaves the object there."""
-FORCE_SHARE = 0.84
+FORCE_SHARE = 0.9
 """Fraction of the force limit that the drives may use. The rest is for the arm's momentum, and for contacts at other
 points than the tool."""
 BEHIND = 0.01
