@@ -62,8 +62,6 @@ CLOSE = (0.005, 0.05)
 REGION = (-0.25, 0.35), (-0.5, 0.5)
 """Ranges of x and y in the world (m) for distractors."""
 MAX_DRAWS = 300
-MOVED = 0.03
-"""Displacement (m) from which a rigid object counts as moved."""
 
 
 @cache

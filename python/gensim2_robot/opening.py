@@ -6,7 +6,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
@@ -22,7 +22,7 @@ from gensim2.planning.strategies import PLANNER_FIELDS, GraspStrategy, parse_str
 from gensim2.policy.remote.client import RemoteController
 from gensim2.policy.remote.protocol import is_url
 from gensim2.robots import RobotProfile, robot
-from gensim2.rollout.config import TRUE_SCENE, RolloutOptions
+from gensim2.rollout.config import TRUE_SCENE
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec, planner_spec
 from gensim2.rollout.inputs import TaskInput
@@ -305,11 +305,11 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     policy = config.policy
     if policy is None:
-        rollout = RolloutOptions()
+        rollout = given.rollout
         if config.scene_source != TRUE_SCENE:
             # The images of the loop's cameras are noisy. The name of a noise model makes the planner filter stray
             # points; it adds noise only to images that are rendered for an episode without a control loop.
-            rollout = RolloutOptions(scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
+            rollout = replace(rollout, scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
         # The arm executes a plan at the fraction ``speed`` of the planned speed.
         strategies = slow_in_contact(given.strategies, CONTACT_SPEED / config.speed)
         return planner_spec(given.spec, strategies, rollout, given.scene.robot)

@@ -129,6 +129,27 @@ def test_uncertain_joints_are_pushed_further() -> None:
         assert (planned.lower, planned.upper) == pytest.approx((joint.lower - beyond, joint.upper + beyond))
 
 
+def test_strategies_without_a_point_are_not_changed() -> None:
+    given = KeypointStrategy(load_strategies("StoreBlockInBox")["lay_on_floor_of_box"])
+    rest = [each for each in given.config["constraint_list"] if each["type"] != "point2point_constraint"]
+    free = KeypointStrategy({**given.config, "constraint_list": rest})
+    assert centered(free) is free
+
+
+def test_objects_in_a_shut_drawer_are_not_sought() -> None:
+    """New points with the shape of the ball, such as a knob, lie where the drawer has carried the ball."""
+    true, tracker, lifted = lifted_by("golf_ball", (0.3, 0.0, 0.1), floor(0.0) + np.array([0.8, 0.0, 0.0]))
+    tracker.hold(None)
+    take_in(tracker, cloud_of(lifted), floor(0.0) + np.array([0.8, 0.0, 0.0]))
+    points = np.concatenate(
+        [cloud_of(lifted.moved(np.array([0.04, 0.0, 0.0]))), floor(0.0) + np.array([0.8, 0.0, 0.0])]
+    )
+    for is_shut in (True, False):
+        tracker.take_in(points, nothing_articulated(points), carried=["golf_ball"], is_shut=is_shut)
+        assert tracker.is_hidden("golf_ball") == is_shut
+    assert true.shape is lifted.shape
+
+
 def test_tolerances_of_points_shrink_to_the_middle() -> None:
     given = KeypointStrategy(load_strategies("StoreBlockInBox")["lay_on_floor_of_box"])
     before, after = given.config["constraint_list"], centered(given).config["constraint_list"]
@@ -142,7 +163,7 @@ def test_tolerances_of_points_shrink_to_the_middle() -> None:
 def test_an_object_near_its_goal_that_cannot_be_grasped_again_is_left_there(away: float, is_left: bool) -> None:
     task = load_task("StoreBlockInBox")
     chain = _Chain(task, load_strategies(task.name), robot("panda"))
-    chain.has_left_object, chain._at, chain._trigger = False, 1, Cause.GRASP_LOST
+    chain.left, chain._grasped, chain._at, chain._trigger = set(), {"block"}, 1, Cause.GRASP_LOST.value
     measured = Measurement(
         openness={"box": 1.0},
         joint_speed={"box": 0.0},
@@ -155,5 +176,11 @@ def test_an_object_near_its_goal_that_cannot_be_grasped_again_is_left_there(away
         bounds={},
         contents={"box": frozenset({"block"})},
     )
-    assert chain._leaves_placed(measured) == chain.has_left_object == is_left
+    for unplaced in (replace(measured, contents={"box": frozenset()}), replace(measured, contents={})):
+        assert not chain._leaves_placed(unplaced)
+    assert chain._leaves_placed(measured) == is_left
+    assert chain.left == ({"block"} if is_left else set())
     assert chain.step.name == ("close" if is_left else "grasp")
+    # An object that the hand has never held is not left behind.
+    chain._grasped, chain._at = set(), 1
+    assert not chain._leaves_placed(measured)

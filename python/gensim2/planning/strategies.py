@@ -188,6 +188,8 @@ def centered(strategy: Strategy) -> Strategy:
     """
     if not isinstance(strategy, KeypointStrategy):
         return strategy
+    if all(each["type"] != "point2point_constraint" for each in strategy.config["constraint_list"]):
+        return strategy
     constraints = [
         {**each, "tolerance": CENTERED * each["tolerance"]} if each["type"] == "point2point_constraint" else each
         for each in strategy.config["constraint_list"]

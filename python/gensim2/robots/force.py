@@ -28,9 +28,9 @@ class Yielding:
     Jacobian ``J`` (3, m) of the tool's position and the stiffness ``K`` of the drives. The force does not depend on the
     obstacle's material, so no force sensor is needed.
 
-    Two conditions hold for the targets. The springs and the dampers together press with at most ``limit``. The springs
-    alone press with at most ``TRANSIENT`` times ``limit``, because the dampers do not act any more when an obstacle has
-    stopped the arm. The second condition also limits the speed.
+    Two conditions limit the targets, one after the other. The springs and the dampers together press with at most
+    ``limit``. The springs alone press with at most ``TRANSIENT`` times ``limit``, because the dampers do not act any
+    more when an obstacle has stopped the arm. The second condition also limits the speed.
 
     Args:
         profile: robot profile.
@@ -68,7 +68,7 @@ class Yielding:
             Targets (m,), rad or m, and the distance of the tool's target from the requested one, m.
         """
         here, found = q[self._columns], asked
-        # With these targets, the springs and the dampers cancel.
+        # At these targets the spring force cancels the damping force.
         coasting = here + self.profile.lags * qvel[self._columns]
         points = self._jacobians(q)
         for origin, limit in ((coasting, self.limit), (here, TRANSIENT * self.limit)):
@@ -77,7 +77,7 @@ class Yielding:
             if force > limit and not is_free:
                 for jacobian in points:
                     stretched = stretched - self._excess(jacobian, stretched, limit)
-                # The change for the hand may have increased the force of the tool.
+                # Limiting the force at the hand can raise the force at the tool.
                 force = max(self._force(jacobian, stretched) for jacobian in points)
                 found = origin + stretched
             if force > limit:

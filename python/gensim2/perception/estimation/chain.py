@@ -30,7 +30,7 @@ from gensim2.planning.strategies import Strategy, centered
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.robots.force import FORCE_LIMIT, Yielding
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
-from gensim2.rollout.chain_state import ChainPlan
+from gensim2.rollout.chain_state import ChainPlan, best_of
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.rollout.retreat import Retreat
@@ -79,7 +79,9 @@ class _Chain(ChainController):
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
         super().reset(observation, seed)
-        self.is_finished = self.has_left_object = False
+        self.is_finished = False
+        self.left: set[str] = set()
+        self._grasped: set[str] = set()
         self._blocked = 0
         self._force = Yielding(self._profile, FORCE_SHARE * FORCE_LIMIT)
 
@@ -94,10 +96,6 @@ class _Chain(ChainController):
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
         if from_start:
             self._at, self._running, self._waited = 0, None, 0
-
-    def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
-        self.is_finished = True
-        return super()._leave(observation, run)
 
     @property
     def grasped(self) -> Held | None:
@@ -120,20 +118,36 @@ class _Chain(ChainController):
         """Plan the current step. A grasped object is placed near the middle of the strategy's tolerance if possible,
         because the estimated goal has an error.
         """
+        self._blocked = 0
         given = self._strategies[name]
-        if strategy is None and scene.held is not None and (middle := centered(given)) is not given:
-            plan = super()._plan(scene, name, at_step, warm_start, middle)
-            if plan.is_best:
-                return plan
-        return super()._plan(scene, name, at_step, warm_start, strategy)
+        if strategy is not None or scene.held is None or (middle := centered(given)) is given:
+            return super()._plan(scene, name, at_step, warm_start, strategy)
+        near = super()._plan(scene, name, at_step, warm_start, middle)
+        if near.is_best:
+            return near
+        anywhere = super()._plan(scene, name, at_step, warm_start)
+        return best_of([near, anywhere]) or anywhere
+
+    def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
+        self.is_finished, self._blocked = True, 0
+        return super()._leave(observation, run)
 
     def _leaves_placed(self, measured: Measurement) -> bool:
-        """An object that cannot be grasped again is left where it is, if its goal is within the error of the estimates.
-        For example, the lid can be closed over it.
+        """Leave an object that the hand has put into a container and cannot grasp again, if its goal is within the
+        error of the estimates. For example, the lid can be closed over it.
         """
-        left = self._skip_placement(measured, SLACK)
-        self.has_left_object |= left
-        return left
+        name = self._step.object
+        is_inside = any(name in contents for contents in measured.contents.values())
+        if name not in self._grasped or not is_inside or not self._skip_placement(measured, SLACK):
+            return False
+        self.left.add(name)
+        return True
+
+    def _check_grasp(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
+        found = super()._check_grasp(observation, run)
+        if self._held is not None:
+            self._grasped.add(self._held.name)
+        return found
 
     def _follow(self, run: ChainPlan, observation: PrivilegedObservation) -> Action:
         schedule = run.planned.schedule
@@ -337,9 +351,9 @@ class PerceivingChain:
             assert self._last is not None
             self._checks_goal = False
             q = observation.joint_positions.astype(np.float64)
-            if self._chain.has_left_object or self._goal.is_reached(q, distrust=0.0):
+            if self._goal.is_reached(q, distrust=0.0, besides=self._chain.left):
                 return None
-            self._chain.resume(self._last, from_start=self._goal.is_displaced(q))
+            self._chain.resume(self._last, from_start=self._goal.is_displaced(q, besides=self._chain.left))
         action = self._chain.act(self._with_belief(observation))
         if self._step is not self._chain.step:
             self._begin_step()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,6 @@ from gensim2.perception.estimation.classes import by_name
 from gensim2.perception.estimation.estimator import (
     LEAST_POINTS,
     LEVEL,
-    OPEN_ENOUGH,
     ObjectEstimate,
     Points,
     SceneEstimate,
@@ -43,6 +42,8 @@ FINE_CELL = 0.02
 """Side of the grid cells (m) of obstacle boxes in dense clouds (:data:`~gensim2.perception.estimation.scene.CELL`)."""
 LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""
+SHUT = 0.2
+"""Estimated openness of a part below which the cameras cannot see its contents."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -178,7 +179,7 @@ class GoalTracker:
             [found] = self._estimate(cloud, self._before.found.asset_class).objects or [None]
             if found is not None:
                 self._carry(self._before.displacement(found, cloud, is_expected=self._moves_joint))
-                is_shut = found.joint.openness < OPEN_ENOUGH
+                is_shut = found.joint.openness < SHUT
         T = self.estimator.profile.T_world_base
         floors = {} if self.floor is None else dict.fromkeys(self._above_floor(), self.floor)
         points = cloud @ T[:3, :3].T + T[:3, 3]
@@ -321,25 +322,26 @@ class GoalTracker:
         track = self.track
         return track is not None and track.change is not None and abs(track.change) < STALLED[track.found.joint.type]
 
-    def is_reached(self, q: Array, distrust: float = DISTRUST) -> bool:
+    def is_reached(self, q: Array, distrust: float = DISTRUST, besides: Collection[str] = ()) -> bool:
         """Return whether the latest estimate meets the success criteria.
 
         Args:
             q: (n,) joint values of the robot.
             distrust: safety margin, as for :meth:`measurement`.
+            besides: names of rigid objects whose criteria do not count.
         """
-        return all_hold(self._success, self.measurement(q, distrust))
+        asked = tuple(each for each in self._success if set(besides).isdisjoint(each.objects))
+        return all_hold(asked, self.measurement(q, distrust))
 
-    def is_displaced(self, q: Array) -> bool:
+    def is_displaced(self, q: Array, besides: Collection[str] = ()) -> bool:
         """Return whether a rigid object is not where the success criteria require it.
 
         Args:
             q: (n,) joint values of the robot.
+            besides: names of rigid objects whose criteria do not count.
         """
-        measured = self.measurement(q, 0.0)
-        return any(
-            not self.rigid.shapes.keys().isdisjoint(each.objects) and not each.holds(measured) for each in self._success
-        )
+        measured, counted = self.measurement(q, 0.0), self.rigid.shapes.keys() - set(besides)
+        return any(not counted.isdisjoint(each.objects) and not each.holds(measured) for each in self._success)
 
     def measurement(self, q: Array, distrust: float = DISTRUST) -> Measurement:
         """Return the latest estimate as a measurement, from which success criteria are computed.

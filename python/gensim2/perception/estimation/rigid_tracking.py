@@ -176,7 +176,7 @@ class RigidTracker:
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
         rest = own < 0
         if self.held is not None or self._hidden:
-            # Each new cluster may be an object that is out of sight, so its points stay new until the object is found.
+            # A new cluster may be the hidden object. It becomes background only after the object has been found.
             rest &= ~_in_new_clusters(points, changed)
         self._past = points[rest]
         for name, each in self.found.items():
@@ -192,8 +192,8 @@ class RigidTracker:
         own[near & (own < 0)] = self._index(name)
 
     def _stays(self, name: str, points: Array) -> bool:
-        """Return whether points show an object at its last pose. Points about another object count only if there are no
-        others, because one object may lie on another.
+        """Return whether points show an object at its last pose. Points near other objects are left out first, because
+        one object may lie on another. If the rest does not show the object, all points are used.
         """
         apart = np.ones(len(points), dtype=bool)
         for other in self.found.keys() - {name}:

@@ -51,7 +51,7 @@ STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
 MOST_DEVIATIONS, REPEATED = 3.0, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end. If already the second motion in a row does not move the joint, a difference of ``REPEATED`` is allowed.
+at this end. After two motions in a row without a displacement, the openness may differ from the end by ``REPEATED``.
 """
 
 
