@@ -81,7 +81,7 @@ def refusals(rows: Sequence[Row]) -> str:
                     _share(held, scenes) if is_present else "",
                 ]
             )
-    return markdown_table(["scene", "depth", "refused", "empty tables among them", "held"], cells)
+    return markdown_table(["scene", "depth", "refused", "of these, empty tables (error)", "held"], cells)
 
 
 def forces(rows: Sequence[Row]) -> str:
