@@ -11,9 +11,6 @@ Array = npt.NDArray[np.float64]
 
 FORCE_LIMIT = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
-TRANSIENT = 2.0
-"""Factor on the force limit, from ISO/TS 15066, for the short time between a collision of the moving arm and its next
-command."""
 LEAST_COMPLIANCE = 1e-7
 """Lower bound of the tool's compliance, m/N, for arms in a singular configuration."""
 HALVINGS = 40
@@ -28,9 +25,8 @@ class Yielding:
     Jacobian ``J`` (3, m) of the tool's position and the stiffness ``K`` of the drives. The force does not depend on the
     obstacle's material, so no force sensor is needed.
 
-    Two conditions limit the targets, one after the other. The springs and the dampers together press with at most
-    ``limit``. The springs alone press with at most ``TRANSIENT`` times ``limit``, because the dampers do not act any
-    more when an obstacle has stopped the arm. The second condition also limits the speed.
+    The springs and the dampers together press with at most ``limit``. A moving arm may press harder for an instant, if
+    it hits an obstacle before its next command: the dampers then do not act any more.
 
     Args:
         profile: robot profile.
@@ -61,27 +57,25 @@ class Yielding:
         Args:
             q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
             asked: (m,) requested targets of the arm's drives, rad or m.
-            is_free: whether no contact is expected. The targets then lie on the straight line from the measured joints
-                to the requested targets, so that the arm does not leave a path that is free of collisions.
+            is_free: whether no contact is expected. The targets then lie on a straight line to the requested targets,
+                so that the arm does not leave a path that is free of collisions.
 
         Returns:
             Targets (m,), rad or m, and the distance of the tool's target from the requested one, m.
         """
-        here, found = q[self._columns], asked
         # At these targets the spring force cancels the damping force.
-        coasting = here + self.profile.lags * qvel[self._columns]
+        coasting = q[self._columns] + self.profile.lags * qvel[self._columns]
         points = self._jacobians(q)
-        for origin, limit in ((coasting, self.limit), (here, TRANSIENT * self.limit)):
-            stretched = found - origin
+        stretched = asked - coasting
+        force = max(self._force(jacobian, stretched) for jacobian in points)
+        if force <= self.limit:
+            return asked, 0.0
+        if not is_free:
+            for jacobian in points:
+                stretched = stretched - self._excess(jacobian, stretched, self.limit)
+            # Limiting the force at the hand can raise the force at the tool.
             force = max(self._force(jacobian, stretched) for jacobian in points)
-            if force > limit and not is_free:
-                for jacobian in points:
-                    stretched = stretched - self._excess(jacobian, stretched, limit)
-                # Limiting the force at the hand can raise the force at the tool.
-                force = max(self._force(jacobian, stretched) for jacobian in points)
-                found = origin + stretched
-            if force > limit:
-                found = origin + limit / force * stretched
+        found = coasting + min(1.0, self.limit / force) * stretched
         return found, float(np.linalg.norm(points[0] @ (asked - found)))
 
     def _jacobians(self, q: Array) -> list[Array]:
