@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -476,25 +476,28 @@ class ChainController:
             return None
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
-    def _plan(
-        self,
-        scene: Scene,
-        name: str,
-        at_step: int,
-        warm_start: kpam.Plan | None,
-        strategy: Strategy | None = None,
-    ) -> ChainPlan:
-        """Plan the current step with the strategy ``name``, or with a variant of it if ``strategy`` is given."""
-        planned = self._planner.plan(
-            scene,
-            self._step,
-            self._strategies[name] if strategy is None else strategy,
-            following=self._following(),
-            warm_start=warm_start,
-            lost=self._lost.get(self._step.object, ()),
-        )
-        room = room_for_hand(planned.after, self._step, self._task.steps[self._at + 1 :])
-        return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room)
+    def _variants(self, strategy: Strategy, scene: Scene) -> Sequence[Strategy]:
+        """Return the variants of a strategy that are planned on a scene, in order of preference."""
+        return (strategy,)
+
+    def _plan(self, scene: Scene, name: str, at_step: int, warm_start: kpam.Plan | None) -> ChainPlan:
+        """Return the best plan of the current step with the variants of the strategy ``name``."""
+        later = self._task.steps[self._at + 1 :]
+        plans = []
+        for strategy in self._variants(self._strategies[name], scene):
+            planned = self._planner.plan(
+                scene,
+                self._step,
+                strategy,
+                following=self._following(),
+                warm_start=warm_start,
+                lost=self._lost.get(self._step.object, ()),
+            )
+            room = room_for_hand(planned.after, self._step, later)
+            plans.append(ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room))
+            if plans[-1].is_best:
+                break
+        return best_of(plans) or plans[-1]
 
     def _following(self) -> list[Ways]:
         later = self._task.steps[self._at + 1 :]

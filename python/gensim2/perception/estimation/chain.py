@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-import gensim2_kpam as kpam
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.estimation.estimator import (
     BUILTIN,
@@ -30,7 +29,7 @@ from gensim2.planning.strategies import Strategy, centered
 from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.robots.force import Yielding
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
-from gensim2.rollout.chain_state import ChainPlan, best_of
+from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.rollout.retreat import Retreat
@@ -108,26 +107,16 @@ class _Chain(ChainController):
         """Current step."""
         return self._step
 
-    def _plan(
-        self,
-        scene: Scene,
-        name: str,
-        at_step: int,
-        warm_start: kpam.Plan | None,
-        strategy: Strategy | None = None,
-    ) -> ChainPlan:
-        """Plan the current step. A grasped object is placed near the middle of the strategy's tolerance if possible,
-        because the estimated goal has an error.
-        """
+    def _begin(self, observation: PrivilegedObservation) -> bool:
         self._blocked = 0
-        given = self._strategies[name]
-        if strategy is not None or scene.held is None or (middle := centered(given)) is given:
-            return super()._plan(scene, name, at_step, warm_start, strategy)
-        near = super()._plan(scene, name, at_step, warm_start, middle)
-        if near.is_best:
-            return near
-        anywhere = super()._plan(scene, name, at_step, warm_start)
-        return best_of([near, anywhere]) or anywhere
+        return super()._begin(observation)
+
+    def _variants(self, strategy: Strategy, scene: Scene) -> Sequence[Strategy]:
+        """A grasped object is placed near the middle of the strategy's tolerance if possible, because the estimated
+        goal has an error.
+        """
+        middle = strategy if scene.held is None else centered(strategy)
+        return (strategy,) if middle is strategy else (middle, strategy)
 
     def _leave(self, observation: PrivilegedObservation, run: ChainPlan) -> Action | None:
         self.is_finished, self._blocked = True, 0
