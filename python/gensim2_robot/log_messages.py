@@ -212,7 +212,7 @@ class QuestionMessage(LogMessage):
 
 
 class AnswerMessage(LogMessage):
-    """Answer of the policy, with all input arrays of the policy. Logs of version 0.3 have no field ``refusal``."""
+    """Answer of the policy, with all input arrays of the policy. Older logs have no field ``refusal``."""
 
     time: float
     number: int

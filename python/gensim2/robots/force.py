@@ -52,7 +52,7 @@ class Yielding:
         return self._force(self._jacobians(q)[0], targets - q[self._columns])
 
     def targets(self, q: Array, qvel: Array, asked: Array, *, is_free: bool) -> tuple[Array, float]:
-        """Return targets that keep the force limit, and the distance by which they move the tool's target.
+        """Return targets that keep the force limit, and how far they move the target position of the tool.
 
         Args:
             q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.

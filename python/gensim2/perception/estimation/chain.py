@@ -46,7 +46,7 @@ PRESSING = 210.0
 the arm: with less, many real toasters, faucets and doors are not moved in time.
 """
 BEHIND = 0.01
-"""Distance (m) by which the force limit may hold the tool's target back while the plan goes on."""
+"""The plan pauses while the limited target of the tool is farther than this distance (m) behind the planned one."""
 BLOCKED_SECONDS = 0.25
 """Time (s) for which an obstacle must block the arm on its way to the object before the motion ends."""
 BLOCKED_SHARE = 0.3
