@@ -115,8 +115,8 @@ impl KeypointProblemBuilder {
         self
     }
 
-    /// Sets the bodies of a scene; `bodies` may have other roles. What the scene has prepared for collision checks is
-    /// shared.
+    /// Sets the bodies of a scene; `bodies` may have other roles. The problem shares the compiled collision shapes of the
+    /// scene.
     pub(crate) fn bodies_of(mut self, bodies: Bodies, compiled: &Arc<OnceLock<Compiled>>) -> Self {
         (self.0.bodies, self.0.compiled) = (bodies, Arc::clone(compiled));
         self
