@@ -18,9 +18,10 @@ from gensim2.inspection.checks import geometric_findings
 from gensim2.inspection.validate import check_object
 from gensim2.objects import AssetError, open_library
 from gensim2.objects.library.folder import ObjectFolder, find_source
-from gensim2.objects.library.importer import import_object, on_surface, usual_size
+from gensim2.objects.library.importer import import_object, usual_size
 from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.released import LICENSE, license_of
+from gensim2.objects.library.transfer import on_surface
 from gensim2.objects.library.urdf import read_urdf, shape_elements
 from gensim2.objects.shapes import Look, Mesh, transform
 

@@ -135,6 +135,7 @@ def import_(
     scale: Annotated[Any, _Scale(), Option(metavar="S|auto")] = "auto",
     up: Literal["y", "z"] = "z",
     keypoints: Annotated[tuple[str, ...], Option("--keypoint", "NAME=X,Y,Z|FILE")] = (),
+    like: Annotated[str | None, Option(metavar="ID")] = None,
     license: Annotated[str, Option(metavar="TEXT")] = "unstated",
     out: Library,
     force: bool = False,
@@ -161,6 +162,8 @@ def import_(
         keypoints: Position of a keypoint such as head or tail in the frame of the moving link, in units of the model;
             can be repeated. FILE is a YAML file with the name and position of each keypoint.  [default: proposed from
             the geometry]
+        like: Object of the class in LIBRARY whose keypoints replace the proposed keypoints. Each keypoint is placed at
+            the same position relative to the bounding box of its link.
         license: Licence of the model.
         out: Output folder, usable as --assets; created if missing.
         force: Replace existing objects.
@@ -173,7 +176,14 @@ def import_(
     from gensim2.inspection.validate import check_object
     from gensim2.objects.library.importer import import_object
 
-    model: dict[str, Any] = {"joint": joint, "scale": scale, "up": up, "keypoints": given, "license": license}
+    model: dict[str, Any] = {
+        "joint": joint,
+        "scale": scale,
+        "up": up,
+        "keypoints": given,
+        "like": like,
+        "license": license,
+    }
     imported = import_object(folder, out, asset_class, name, replace=force, **model)
     progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
     library = open_library(out)

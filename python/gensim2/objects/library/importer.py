@@ -31,6 +31,9 @@ the opposite end of the moving part:
 These rules were tested on the objects of the GenSim2 release, which have annotated keypoints. The median distance
 between the proposed and the annotated head is 12 mm, and 85 % of the distances are at most 5 cm.
 
+Instead of these proposals, a new object can get the keypoints of another object of its class. Each keypoint is then
+placed at the same position relative to the bounding box of its link (:mod:`~gensim2.objects.library.transfer`).
+
 The file ``info.json`` stores the scale, the keypoints and the joint range, and the user can edit these values there.
 """
 
@@ -49,7 +52,6 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from trimesh.triangles import closest_point
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
@@ -59,12 +61,14 @@ from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library import usd
+from gensim2.objects.library.catalogue import open_library
 from gensim2.objects.library.conversion import as_urdf
 from gensim2.objects.library.export import MESHES, write_folder
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.info import UNSTATED, closest_axis, derived_head
 from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
+from gensim2.objects.library.transfer import RelativeKeypoint, on_surface, relative_keypoints
 from gensim2.objects.library.urdf import (
     MOVABLE,
     T_FROM_Y_UP,
@@ -77,7 +81,7 @@ from gensim2.objects.library.urdf import (
     unit_axis,
 )
 from gensim2.objects.shapes import Mesh, pose, transform
-from gensim2.objects.types import AssetError, MissingFileError
+from gensim2.objects.types import AssetError, MissingFileError, joint_motion
 
 Array = npt.NDArray[np.float64]
 
@@ -129,6 +133,7 @@ def import_object(
     scale: float | Literal["auto"] = "auto",
     up: Up = "z",
     keypoints: Mapping[str, Sequence[float]] | None = None,
+    like: str | None = None,
     license: str = UNSTATED,
     replace: bool = False,
 ) -> Imported:
@@ -147,12 +152,14 @@ def import_object(
             frame if the name contains ``base``, otherwise in the frame of the moving link. A keypoint in this argument
             replaces the automatic keypoint of the same name. The prefix ``articulated_object_`` of a name may be
             omitted, as in ``head``.
+        like: id of an object of the same class in the library ``library``. The new object gets this object's keypoints
+            instead of the automatic keypoints.
         license: licence terms of the model.
         replace: replace an existing object, even if the user edited its files.
 
     Raises:
         InputError: the source cannot be read; the joint is unknown or ambiguous; a name is not a valid folder name; a
-            keypoint is not three numbers; or the object exists already.
+            keypoint is not three numbers; the object exists already; or the object ``like`` cannot be loaded.
     """
     for field, word in (("class", asset_class), ("name", name)):
         if not is_name(word):
@@ -163,12 +170,13 @@ def import_object(
         remedy = f"1 to {LONGEST_TEXT} printable characters, such as CC BY 4.0"
         raise InputError(f"{reprlib.repr(license)} is not a licence text", field="license", remedy=remedy)
     given = {_full_name(key): _checked(key, value) for key, value in (keypoints or {}).items()}
+    shared = None if like is None else relative_keypoints(open_library(library).load_articulated(asset_class, like))
     if up == "y" and source.suffix in usd.SUFFIXES:
         raise InputError("this option does not apply to a USD file", field="up", remedy="set upAxis in the file")
     with as_urdf(source) as (file, is_convex):
         model = _Source(file, asset_class, joint, up)
         size = model.scale() if scale == "auto" else scale
-        info = model.info(size, given) | {"license": license}
+        info = model.info(size, given, shared) | {"license": license}
         if is_convex:
             info["collision"] = "convex"
 
@@ -371,8 +379,48 @@ class _Source:
         self.notes.append(f"scaled so that its longest side is {wanted:.2g} m")
         return float(f"{wanted / longest:.4g}")
 
-    def info(self, scale: float, given: Mapping[str, Array]) -> dict[str, Any]:
-        """Return the fields of ``info.json``: the given keypoints, and proposed positions of missing keypoints."""
+    def info(
+        self, scale: float, given: Mapping[str, Array], shared: Mapping[str, RelativeKeypoint] | None = None
+    ) -> dict[str, Any]:
+        """Return the fields of ``info.json``: the given keypoints, and the other keypoints of the class. These are
+        proposed from the geometry, or transferred from another object if ``shared`` contains this object's keypoints.
+        """
+        T_object_link = np.asarray(np.linalg.inv(self._T_link_object), float)
+        points, texts = self._proposed() if shared is None else self._transferred(shared, scale)
+        written = {
+            name: point if "base" in name else transform(T_object_link, point[None])[0]
+            for name, point in {**points, **given}.items()
+        }
+        written |= {name: self._T_root @ [*point, 1.0] for name, point in given.items() if "base" in name}
+        lower, upper = self.joint.limits or (0.0, 0.0)
+        length = scale if self.joint.type == "prismatic" else 1.0
+        return {
+            "keypoints": {name: point[:3].round(9).tolist() for name, point in written.items()},
+            "keypoint_descriptions": {name: text for name, text in texts.items() if name not in given},
+            "scale": scale,
+            "axis": closest_axis(self.axis, self._T_link_object),
+            "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
+            "imported": {"joint": self.joint.name, "fixed": self.fixed, "notes": self.notes},
+        }
+
+    def _transferred(
+        self, shared: Mapping[str, RelativeKeypoint], scale: float
+    ) -> tuple[dict[str, Array], dict[str, str]]:
+        """Return positions and descriptions of keypoints that are given relative to the bounding boxes of their links.
+        The positions of moving keypoints are in the frame of the moving link, the others in the root frame.
+        """
+        lower = (self.joint.limits or (0.0, 0.0))[0]
+        T_root_moving = self._T_root_parent @ self.joint.T @ joint_motion(_kind(self.joint), self.axis, lower)
+        places = {True: (self.geometry["moving"], T_root_moving), False: (self.geometry["body"], np.eye(4))}
+        for name, each in shared.items():
+            if not places[each.is_moving][0]:
+                message = f"the link of the keypoint {name} has no collision geometry"
+                raise AssetError(message, file=self.file, remedy="import the object without --like")
+        points = {name: each.on(*places[each.is_moving], scale) for name, each in shared.items()}
+        return points, {name: each.description for name, each in shared.items()}
+
+    def _proposed(self) -> tuple[dict[str, Array], dict[str, str]]:
+        """Return positions and descriptions of the automatic keypoints, in the frame of the moving link."""
         joint = self.joint
         axis = self.axis
         vertices = [m.vertices for m in self.geometry["moving"]]
@@ -392,28 +440,11 @@ class _Source:
             corners = np.concatenate([m.vertices for m in self.handles])
             head, head_text = (corners.min(axis=0) + corners.max(axis=0)) / 2, f"the middle of the handle of the {what}"
         surface = self.handles or self.geometry["moving"]
-        T_object_link = np.asarray(np.linalg.inv(self._T_link_object), float)
         points = {
             "articulated_object_head": on_surface(head, surface),
             "articulated_object_tail": on_surface(tail, self.geometry["moving"]),
         }
-        texts = {"articulated_object_head": head_text, "articulated_object_tail": tail_text}
-        written = {
-            name: transform(T_object_link, point[None])[0]
-            for name, point in {**points, **given}.items()
-            if "base" not in name
-        }
-        written |= {name: self._T_root @ [*point, 1.0] for name, point in given.items() if "base" in name}
-        lower, upper = joint.limits or (0.0, 0.0)
-        length = scale if joint.type == "prismatic" else 1.0
-        return {
-            "keypoints": {name: point[:3].round(9).tolist() for name, point in written.items()},
-            "keypoint_descriptions": {name: text for name, text in texts.items() if name not in given},
-            "scale": scale,
-            "axis": closest_axis(axis, self._T_link_object),
-            "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
-            "imported": {"joint": joint.name, "fixed": self.fixed, "notes": self.notes},
-        }
+        return points, {"articulated_object_head": head_text, "articulated_object_tail": tail_text}
 
 
 def _editable(content: bytes, file: Path) -> ET.Element:
@@ -465,13 +496,6 @@ def _near_axis(points: Array, axis: Array) -> Array:
     distance = np.linalg.norm(points - np.outer(points @ axis, axis), axis=1)
     near = points[distance <= distance.min() + 0.05 * max(float(np.ptp(distance)), 1e-6)]
     return np.asarray((near.min(axis=0) + near.max(axis=0)) / 2)
-
-
-def on_surface(point: Array, meshes: list[Mesh]) -> Array:
-    """Return the point (3,) of the meshes' surface that is nearest to ``point``."""
-    triangles = np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes])
-    nearest = closest_point(triangles, np.broadcast_to(point, (len(triangles), 3)))
-    return np.asarray(nearest[int(np.argmin(np.linalg.norm(nearest - point, axis=1)))], float)
 
 
 def usual_size(asset_class: str) -> float:
