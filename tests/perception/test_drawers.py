@@ -34,7 +34,7 @@ def tracked(openness: float = 0.8) -> GoalTracker:
     look = look_at("drawer", openness)
     goal = GoalTracker(SceneEstimator.load(), {"drawer": "drawer", "apple": "apple"}, (PUT,))
     goal.looks.append(goal.estimator.estimate(look.cloud.xyz, "drawer"))
-    goal.track = Track(truth(look), look.cloud.xyz, NONE)
+    goal.articulated["drawer"].track = Track(truth(look), look.cloud.xyz, NONE)
     return goal
 
 
@@ -146,12 +146,13 @@ def test_the_planner_gets_the_floor_of_a_drawer() -> None:
 
 def test_a_hidden_object_rests_on_the_floor_of_the_drawer_and_moves_with_it() -> None:
     goal = tracked()
-    T, track = PANDA.T_world_base, goal.track
+    T, drawer = PANDA.T_world_base, goal.articulated["drawer"]
+    track = drawer.track
     assert track is not None
-    assert goal.has_floor
+    assert drawer.has_floor
     points = track.cloud[track.found.points[track.found.moving]] @ T[:3, :3].T + T[:3, 3]
-    goal._floors.append(float(points[:, 2].mean()))
-    assert goal.floor is not None
+    drawer._floors.append(float(points[:, 2].mean()))
+    assert drawer.floor is not None
     above = 0.5 * (points.min(axis=0) + points.max(axis=0)) + np.array([0.0, 0.0, 0.15])
     apple = apple_at(above)
     goal.rigid.found["apple"] = apple
@@ -163,17 +164,17 @@ def test_a_hidden_object_rests_on_the_floor_of_the_drawer_and_moves_with_it() ->
     assert goal.rigid.found["apple"].bounds[0, 2] == pytest.approx(0.0, abs=0.002)
     q = np.array(PANDA.reset_qpos)
     assert goal.measurement(q).contents == {"drawer": frozenset()}
-    goal._rest_on_floor()
+    drawer.rest_on_floor(goal.rigid)
     resting = goal.rigid.found["apple"]
-    assert resting.bounds[0, 2] == pytest.approx(goal.floor, abs=0.002)
+    assert resting.bounds[0, 2] == pytest.approx(drawer.floor, abs=0.002)
     assert goal.measurement(q).contents == {"drawer": frozenset({"apple"})}
     goal.begin_motion()
-    goal._carry(-0.1)
+    drawer.carry(-0.1, goal.rigid)
     assert goal.rigid.found["apple"].center - resting.center == pytest.approx(-0.1 * T[:3, :3] @ track.found.joint.axis)
     # The front of the closed drawer does not show that the apple is behind it, but the apple is still there.
-    goal.track = replace(track, found=replace(track.found, moving=np.zeros_like(track.found.moving)))
+    drawer.track = replace(track, found=replace(track.found, moving=np.zeros_like(track.found.moving)))
     goal.begin_motion()
-    assert set(goal._carried) == {"apple"}
+    assert set(drawer.carried) == {"apple"}
 
 
 def test_a_knob_is_not_taken_for_an_object_in_the_drawer() -> None:

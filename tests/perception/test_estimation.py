@@ -49,7 +49,7 @@ from gensim2.perception.estimation.goal import DISTRUST, GoalTracker
 from gensim2.perception.estimation.measuring import calibrated, figures, measured, row_of
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
-from gensim2.perception.estimation.scene import boxes, planning_scene
+from gensim2.perception.estimation.scene import boxes, planning_scene, raised, scene_object
 from gensim2.perception.estimation.tracking import LEAST_SHIFT, Track, displacement
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
 from gensim2.perception.noise import DEPLOYED
@@ -377,7 +377,8 @@ def test_true_estimates_can_be_planned_on(name: str, asset_class: str, openness:
     look, task, strategies = look_at(asset_class, openness), load_task(name), load_strategies(name)
     [role] = task.objects
     q = np.array(PANDA.reset_qpos)
-    scene = planning_scene({role: truth(look)}, look.cloud.xyz, np.flatnonzero(look.group == OTHER), q, PANDA)
+    box = scene_object(role, truth(look), look.cloud.xyz)
+    scene = planning_scene({role: box}, look.cloud.xyz[look.group == OTHER], q, PANDA)
     planner, step = StepPlanner(PANDA), task.steps[0]
     plans = [planner.plan(scene, step, parse_strategy(strategies[way], way)) for way in step.strategies]
     assert any(plan.is_solved for plan in plans), [plan.reason for plan in plans]
@@ -394,9 +395,8 @@ def test_the_hand_pushes_objects_above_the_table(asset_class: str, keypoint: flo
     [head, *_] = found.moving_keypoints
     at = np.append(found.keypoints[head][:2], keypoint)
     low = replace(found, keypoints={**found.keypoints, head: at})
-    q, none = np.array(PANDA.reset_qpos), np.zeros(0, dtype=np.int64)
-    scene = planning_scene({"object": low}, look.cloud.xyz, none, q, PANDA)
-    assert scene.objects["object"].keypoints[head] == pytest.approx([*at[:2], expected], abs=1e-6)
+    again = raised(low, look.cloud.xyz, PANDA)
+    assert again.keypoints[head] == pytest.approx([*at[:2], expected], abs=1e-6)
 
 
 def test_a_true_estimate_has_no_errors() -> None:
@@ -728,16 +728,18 @@ def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> 
     found = truth(look)
     for name, sign in (("CloseBox", 1.0), ("OpenBox", -1.0)):
         goal = GoalTracker(SceneEstimator.load(trained, PANDA), {"box": "box_rotate"}, load_task(name).success)
-        goal.track = Track(found.at(0.15, 0.1), look.cloud.xyz, np.zeros(0, dtype=np.int64))
+        goal.looks.append(SceneEstimate((found,), np.zeros(0, dtype=np.int64)))
+        box = goal.articulated["box"]
+        box.track = Track(found.at(0.15, 0.1), look.cloud.xyz, np.zeros(0, dtype=np.int64))
         for goal.motions, share in ((1, 1.0), (2, 0.5)):
             [openness] = goal.measurement(np.array(PANDA.reset_qpos)).openness.values()
             assert openness == pytest.approx(0.15 + sign * DISTRUST * share * 0.1)
-        goal.track = replace(goal.track, misses=1)
+        box.track = replace(box.track, misses=1)
         [openness] = goal.measurement(np.array(PANDA.reset_qpos)).openness.values()
         assert openness == pytest.approx(0.15 + sign * DISTRUST * 0.1)
         # The misses of a step do not count in the next step.
         goal.begin_step(())
-        assert goal.track.misses == 0
+        assert box.track.misses == 0
 
 
 @pytest.mark.parametrize("is_grasped", [False, True])
@@ -746,7 +748,8 @@ def test_the_drawer_moves_a_hidden_object_in_it_unless_the_hand_has_grasped_the_
 ) -> None:
     look, none = look_at("drawer", 0.8), np.zeros(0, dtype=np.int64)
     goal = GoalTracker(SceneEstimator.load(trained, PANDA), {"drawer": "drawer", "apple": "apple"}, ())
-    goal.track = Track(truth(look), look.cloud.xyz, none)
+    drawer = goal.articulated["drawer"]
+    drawer.track = Track(truth(look), look.cloud.xyz, none)
     shape, T = shape_of("apple"), PANDA.T_world_base
     assert shape is not None
     inside = RigidEstimate(shape, np.ones(3), np.eye(4), 0.0, 0.0)
@@ -761,7 +764,7 @@ def test_the_drawer_moves_a_hidden_object_in_it_unless_the_hand_has_grasped_the_
     wall = np.stack(np.meshgrid([0.5], np.arange(-0.2, 0.2, 0.01), np.arange(0.3, 0.5, 0.01)), -1).reshape(-1, 3)
     goal.rigid.take_in(wall, np.ones(len(wall), dtype=bool))
     assert goal.rigid.is_hidden("apple")
-    goal._carry(-0.1)
+    drawer.carry(-0.1, goal.rigid)
     by = goal.rigid.found["apple"].center - inside.center
     if is_grasped:
         assert by[:2] == pytest.approx([0.0, 0.3])

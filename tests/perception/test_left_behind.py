@@ -145,7 +145,7 @@ def test_objects_in_a_shut_drawer_are_not_sought() -> None:
         [cloud_of(lifted.moved(np.array([0.04, 0.0, 0.0]))), floor(0.0) + np.array([0.8, 0.0, 0.0])]
     )
     for is_shut in (True, False):
-        tracker.take_in(points, nothing_articulated(points), carried=["golf_ball"], is_shut=is_shut)
+        tracker.take_in(points, nothing_articulated(points), carried=["golf_ball"], shut=["golf_ball"] * is_shut)
         assert tracker.is_hidden("golf_ball") == is_shut
     assert true.shape is lifted.shape
 

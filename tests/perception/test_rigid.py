@@ -201,12 +201,9 @@ def test_a_cluster_and_a_part_of_it_do_not_show_two_objects() -> None:
     assert centers == pytest.approx([true.center[1], other.center[1]], abs=0.005)
 
 
-def test_a_task_with_two_articulated_objects_is_refused_by_name() -> None:
-    success = load_task("OpenBox").success
-    with pytest.raises(InputError, match=r"2 articulated objects \(box, drawer\)"):
-        GoalTracker(SceneEstimator.load(), {"box": "box_rotate", "drawer": "drawer"}, success)
+def test_a_class_that_neither_the_estimator_nor_the_library_knows_is_refused() -> None:
     with pytest.raises(InputError, match="does not know the class 'spaceship'"):
-        GoalTracker(SceneEstimator.load(), {"box": "box_rotate", "thing": "spaceship"}, success)
+        GoalTracker(SceneEstimator.load(), {"box": "box_rotate", "thing": "spaceship"}, load_task("OpenBox").success)
 
 
 def test_a_missing_rigid_object_is_named_and_nothing_moves() -> None:
@@ -255,7 +252,7 @@ def test_criteria_of_rigid_objects_are_judged_by_estimates(monkeypatch: pytest.M
         assert lifted.holds(measured) == (height > 0)
         assert ("apple" in measured.contents.get("box", ())) == is_inside
     assert not goal.is_displaced(q)
-    # Without rigid objects, the tracker passes the cloud on unchanged.
+    # If the articulated object is the only one, the tracker passes the cloud on unchanged.
     alone = GoalTracker(SceneEstimator.load(), {"box": "box_rotate"}, load_task("OpenBox").success)
     given: list[Array] = []
     monkeypatch.setattr(
@@ -263,7 +260,7 @@ def test_criteria_of_rigid_objects_are_judged_by_estimates(monkeypatch: pytest.M
     )
     cloud = env.observe(ObservationSpec(cloud=alone.cloud_settings)).cloud.xyz
     alone.take_in(cloud)
-    assert given[0] is cloud
+    assert np.array_equal(given[0], cloud)
 
 
 def test_an_object_is_put_into_a_box_on_an_estimated_scene() -> None:

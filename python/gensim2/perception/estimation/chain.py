@@ -204,9 +204,9 @@ class PerceivingChain:
     A step counts as done when the estimate shows that its goal is reached. The openness is tracked over the motions of
     an episode (:mod:`~gensim2.perception.estimation.tracking`). After the last step the hand retreats, and the
     controller estimates the scene once more. If the goal is not reached, the controller repeats the last step, or all
-    steps if a rigid object is not at its goal. If the first point cloud does not show all objects of the task, the
-    episode ends without an action, and the controller reports an event with :attr:`Cause.OBJECT_NOT_SEEN`. The task may
-    have rigid objects, but at most one articulated object.
+    steps if an object is not at its goal that the last step does not move. If the first point cloud does not show all
+    objects of the task, the episode ends without an action, and the controller reports an event with
+    :attr:`Cause.OBJECT_NOT_SEEN`.
 
     The arm presses with a limited force (:mod:`~gensim2.robots.force`). If an obstacle blocks the arm on its way to the
     object, the motion ends, the controller reports an event with :attr:`Cause.FORCE_LIMIT`, estimates the scene again,
@@ -227,8 +227,7 @@ class PerceivingChain:
         threads: number of PyTorch threads.
 
     Raises:
-        InputError: the estimator cannot be read or does not know a class of the task, or the task has several
-            articulated objects.
+        InputError: the estimator cannot be read or does not know a class of the task.
     """
 
     @staticmethod

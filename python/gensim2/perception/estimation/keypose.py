@@ -77,15 +77,16 @@ class PerceivingKeyposeController(KeyposeController):
         if not is_first:
             tracker.begin_motion()
         tracker.take_in(points.astype(np.float32))
-        if tracker.track is None:
+        if not tracker.is_seen:
             return self._is_done(done)
-        if tracker.stands_still:
+        [followed] = tracker.articulated.values()
+        if followed.stands_still:
             self._tried[self._latest] = max(self._tried[self._latest], MAX_TRIES)
         if self._is_done(done):
             return tracker.is_reached(q, -CONTRADICTION)
         if self._is_done(done, LIKELY, LIKELIER):
             return tracker.is_reached(q, 0.0)
-        return tracker.has_moved and tracker.is_reached(q)
+        return followed.has_moved and tracker.is_reached(q)
 
     def _tracker_of(self, goal: TaskGoal | None) -> GoalTracker | None:
         """Return a tracker for a task's goal; None if the estimator cannot judge the goal."""

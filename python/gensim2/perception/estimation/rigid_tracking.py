@@ -131,7 +131,7 @@ class RigidTracker:
         carried: Collection[str] = (),
         floors: Mapping[str, float] | None = None,
         *,
-        is_shut: bool = False,
+        shut: Collection[str] = (),
     ) -> npt.NDArray[np.int64]:
         """Estimate the objects in a cloud.
 
@@ -141,7 +141,7 @@ class RigidTracker:
             carried: names of objects in a moving part. They are sought only near their poses, because the part hides
                 them, and parts of the articulated object, such as a knob, may have their dimensions.
             floors: heights (m) of the floors below released objects, by name. The objects cannot have fallen lower.
-            is_shut: whether the moving part hides its contents, so that the ``carried`` objects are not sought.
+            shut: names of ``carried`` objects that are not sought, because the moving part hides its contents.
 
         Returns:
             Index (N,) of the object that each point shows, in the order of ``shapes``; -1: none of the objects.
@@ -160,7 +160,7 @@ class RigidTracker:
                 self._claim(name, points, own)
         sought = [name for name in self.shapes if name != self.held and not (own == self._index(name)).any()]
         inside = [name for name in sought if name in carried]
-        shown = [] if is_shut else inside
+        shown = [name for name in inside if name not in shut]
         released = [name for name in sought if name in self._released and name not in carried]
         unknown = [name for name in sought if name not in inside and name not in released]
         self._place(unknown, points, on_articulated, changed, own)

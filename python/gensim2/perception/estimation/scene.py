@@ -38,44 +38,25 @@ _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
 
 
 def planning_scene(
-    objects: Mapping[str, ObjectEstimate],
-    cloud: Points,
-    others: npt.NDArray[np.int64],
-    q: Array,
-    profile: RobotProfile,
-    *,
-    rigid: Mapping[str, SceneObject] | None = None,
-    cell: float = CELL,
-    floor: float | None = None,
+    objects: Mapping[str, SceneObject], obstacles: Points, q: Array, profile: RobotProfile, *, cell: float = CELL
 ) -> Scene:
-    """Convert estimated objects to a scene of the planner.
+    """Return a scene of the planner with estimated objects on the table.
 
     Args:
-        objects: estimated articulated objects by name in the task.
-        cloud: (N, 3) point cloud from which the objects were estimated, base frame, m.
-        others: row indices of cloud points on other bodies, which become obstacles.
+        objects: articulated and rigid objects by name in the task.
+        obstacles: (N, 3) points of other bodies, base frame, m.
         q: (n,) joint values of the robot.
         profile: robot profile.
-        rigid: rigid objects of the planner's scene by name.
-        cell: side of the grid cells of the boxes, m.
-        floor: height of the floor of the objects' moving part in the base frame, m; None: the part has no floor.
+        cell: side of the grid cells of the obstacles' boxes, m.
     """
     table = np.eye(4)
     table[2, 3] = -HALF_SIZE[2]
     fixtures = [SceneBody(TABLE, _TABLE_HULLS, np.linalg.inv(profile.T_world_base) @ table)]
-    hulls = boxes(cloud[others], cell)
+    hulls = boxes(obstacles, cell)
     if hulls:
         fixtures.append(SceneBody("others", hulls, np.eye(4)))
     return Scene(
-        q=q,
-        qvel=np.zeros_like(q),
-        T_world_base=profile.T_world_base,
-        objects={
-            name: scene_object(name, _raised(each, cloud, profile), cloud, cell, floor)
-            for name, each in objects.items()
-        }
-        | dict(rigid or {}),
-        fixtures=tuple(fixtures),
+        q=q, qvel=np.zeros_like(q), T_world_base=profile.T_world_base, objects=dict(objects), fixtures=tuple(fixtures)
     )
 
 
@@ -121,9 +102,14 @@ def scene_object(
     )
 
 
-def _raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> ObjectEstimate:
+def raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> ObjectEstimate:
     """Return an estimate of which the moving keypoints are high enough for the fingers, if the joint slides
     horizontally. The keypoints are not raised above the object's highest point.
+
+    Args:
+        found: estimated object.
+        cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
+        profile: robot profile.
     """
     if found.joint.type != "prismatic" or abs(found.joint.axis[2]) > LEVEL:
         return found
