@@ -66,6 +66,7 @@ def train(
     assets: Annotated[str, Option(metavar="DIR|builtin")] = "builtin",
     objects: Count = 60,
     objects_of: Annotated[tuple[str, ...], Option("--objects-of", "CLASS=COUNT")] = (),
+    others: Count = 4,
     looks: Count = 12,
     steps: Count = 4000,
     batch: Count = 24,
@@ -86,10 +87,13 @@ def train(
         objects: Number of training objects of each class.
         objects_of: Number of training objects of one class, instead of --objects; can be repeated. Training uses a
             class with more point clouds more often.
-        looks: Number of point clouds of each object.
+        others: Number of training objects of each class that only the estimator of --from knows. Such a class is not
+            forgotten. The objects are generated, or come from --assets if the package does not have the class.
+        looks: Number of point clouds of each object; at most 4 of each object of --others.
         steps: Number of gradient steps.
         batch: Number of point clouds in a step.
-        start: Continue training from the weights of this estimator, which must know the same classes.
+        start: Continue training from the weights of this estimator. The trained estimator knows the classes of this
+            estimator and the classes of --class.
     """
     from gensim2.perception.estimation.training import train_estimator
 
@@ -100,6 +104,7 @@ def train(
         robot_name=robot,
         objects=objects,
         objects_of=_counts(objects_of),
+        others=others,
         looks=looks,
         steps=steps,
         batch=batch,

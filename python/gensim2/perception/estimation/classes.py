@@ -73,6 +73,18 @@ class ClassConstants(BaseModel):
             frame=turn.tolist(),
         )
 
+    def over(self, ranges: Array, extent: float) -> ClassConstants:
+        """Return constants that also cover further training objects.
+
+        Args:
+            ranges: (N,) joint ranges of the objects, rad or m.
+            extent: smallest visible extent of the objects, m; 0 if the cameras hardly see them.
+        """
+        spans = [*(self.span or ()), float(ranges.min()), float(ranges.max())]
+        # A class whose objects the cameras hardly see has no smallest extent.
+        least = min(extent, self.least_extent or extent)
+        return self.model_copy(update={"span": (min(spans), max(spans)), "least_extent": least or None})
+
 
 def direction_of(model: ArticulatedObject) -> int:
     """Return the index of the direction in ``DIRECTIONS`` that is closest to the joint axis of an object in its default

@@ -4,7 +4,7 @@ point. Each point then predicts the positions of the keypoints, and a weighted m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,6 +172,22 @@ class SceneNetwork(nn.Module):  # type: ignore[misc]
         }
 
 
+OF_CLASSES = ("classify.weight", "classify.bias", "of_class.weight")
+"""Names of the weights that have a row for each class."""
+
+
+def grown(weights: Mapping[str, torch.Tensor], similar: Sequence[int]) -> dict[str, torch.Tensor]:
+    """Return the weights of a network with additional classes. Each new class gets a copy of the weights of a known
+    class.
+
+    Args:
+        weights: weights of a :class:`SceneNetwork`, by name.
+        similar: for each new class, the index of the known class whose weights it gets.
+    """
+    rows = torch.tensor(similar, dtype=torch.int64)
+    return {name: torch.cat([each, each[rows]]) if name in OF_CLASSES else each for name, each in weights.items()}
+
+
 def _mlp(inner: int, middle: int, outer: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inner, middle), nn.LayerNorm(middle), nn.GELU(), nn.Linear(middle, outer))
 
@@ -206,7 +222,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     mask = group == TARGET
     gathered = network.gather(seen, mask)
     found = network.estimate(seen, gathered, mask, batch["class"])
-    deviations = found["log_deviations"]
+    deviations, prior = found["log_deviations"], batch.get("log_prior", torch.zeros(()))
     truth = torch.cat([_on_axis(found["places"][:, 0], batch)[:, None], batch["keypoints"]], 1)
     known = torch.cat([torch.ones_like(batch["known"][:, :1]), batch["known"]], 1)
     aims = torch.cat(
@@ -224,7 +240,7 @@ def losses(network: SceneNetwork, batch: Mapping[str, torch.Tensor]) -> dict[str
     balanced = torch.where(moves > 0, 0.5 / share.sqrt(), 0.5 / (1 - share).sqrt())
     return {
         "group": cross(seen.group.transpose(1, 2), group),
-        "class": cross(network.classify(gathered), batch["class"], label_smoothing=SMOOTHING),
+        "class": cross(network.classify(gathered) + prior, batch["class"], label_smoothing=SMOOTHING),
         "direction": cross(found["direction"], batch["direction"]),
         "yaw": _likelihood(angle.abs(), deviations[:, 0]).mean() + (1 - turned).mean(),
         "openness": _likelihood((found["openness"] - batch["openness"]).abs(), deviations[:, 1]).mean()

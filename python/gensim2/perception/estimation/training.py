@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -17,14 +18,14 @@ from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import rng
-from gensim2.objects import ArticulatedObject, Library, open_library
+from gensim2.objects import Library, open_library
 from gensim2.perception.cloud import from_steps
 from gensim2.perception.estimation.classes import ClassConstants
 from gensim2.perception.estimation.deformation import deformed
 from gensim2.perception.estimation.estimator import SceneEstimator
 from gensim2.perception.estimation.examples import Example, example, object_looks, stacked, training_instances
 from gensim2.perception.estimation.measuring import calibrated
-from gensim2.perception.estimation.network import TARGET, WEIGHTS, SceneNetwork, features_of, losses
+from gensim2.perception.estimation.network import TARGET, WEIGHTS, SceneNetwork, features_of, grown, losses
 from gensim2.perception.estimation.presence import connected_extent
 from gensim2.policy.array_file import Arrays, read_arrays, write_arrays
 from gensim2.policy.config import TrainConfig
@@ -35,10 +36,19 @@ from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 MARKER = "perceive.json"
 EXAMPLES, TRAINING = "examples", "training"
 OBJECTS_A_FILE = 4
+COMPARED = 16
+"""Number of clouds of a new class by which the most similar class is found."""
 CALIBRATION = 3
 """Number of additional objects of each class with which the predicted deviations are calibrated."""
 LEAST_QUANTILE = 0.02
 """Quantile of the visible extents of a class's training objects that counts as the smallest one."""
+OTHER_LOOKS = 4
+"""Maximum number of clouds of each object of the other classes, so that they have many different objects."""
+TRAINED_SHARE = 0.5
+"""Fraction of the clouds in a training step that show the trained classes, if a training adds classes to an
+estimator."""
+LEARNING_RATE, GENTLE_RATE = 1.5e-3, 5e-4
+"""Maximum learning rate, and maximum learning rate of a training that should keep what the estimator knows."""
 ROOM = 1_000_000
 """Maximum number of clouds of a training run; this number of clouds takes 14 GB of memory."""
 VOTERS = 384
@@ -58,6 +68,7 @@ class PerceiveSettings(RunSettings):
     robot: str
     objects: int
     objects_of: dict[str, int] = Field(default_factory=dict)
+    others: int | None = None
     looks: int
     steps: int
     batch: int
@@ -73,6 +84,7 @@ def train_estimator(
     robot_name: str = DEFAULT_ROBOT,
     objects: int = 60,
     objects_of: Mapping[str, int] | None = None,
+    others: int = 4,
     looks: int = 12,
     steps: int = 4000,
     batch: int = 24,
@@ -91,11 +103,16 @@ def train_estimator(
         robot_name: name of the robot in the scenes.
         objects: number of training objects of each class; a class with fewer objects uses all of them.
         objects_of: number of training objects of single classes, by class, instead of ``objects``.
+        others: number of training objects of each class that the estimator ``start`` knows and ``classes`` does not
+            contain. These objects are generated objects if the package has the class; otherwise they come from
+            ``assets``.
         looks: number of clouds of each object.
         steps: number of gradient steps.
         batch: number of clouds in a gradient step.
         seed: seed of all random values.
         start: estimator with the initial weights, as for :meth:`SceneEstimator.load`; None: random initial weights.
+            The trained estimator knows the classes of this estimator and ``classes``. A class that is new starts with
+            the weights of the most similar class.
         resume: whether to continue the training run in ``out``.
         progress: listener.
 
@@ -103,27 +120,38 @@ def train_estimator(
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, ``objects_of`` names a class that is not trained, ``out`` contains a
-            different training run, or the estimator ``start`` has other classes.
+        InputError: a class is unknown or rigid, the objects of a class have different keypoints, ``objects_of`` names a
+            class that is not trained, ``out`` contains a different training run, or there are no objects of a class of
+            the estimator ``start``.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
     for name in names:
         library.check_kind(name, "articulated")
+    first = None if start is None else SceneEstimator.load(start, profile)
+    known = {} if first is None else {each.name: each for each in first.classes}
+    others_of = tuple(name for name in known if name not in names)
     counts = dict.fromkeys(names, objects) | dict(objects_of or {})
     for name in counts:
         if name not in names:
             remedy = f"choose from {', '.join(names)}"
             raise InputError(f"the class {name!r} is not trained", field="objects_of", remedy=remedy)
-    if sum(counts.values()) * looks > ROOM:
-        message = f"the training set would have {sum(counts.values()) * looks} clouds; the maximum is {ROOM}"
+    clouds = sum(counts.values()) * looks + len(others_of) * others * min(looks, OTHER_LOOKS)
+    if clouds > ROOM:
+        message = f"the training set would have {clouds} clouds; the maximum is {ROOM}"
         raise InputError(message, field="objects", remedy="reduce objects or looks")
+    work = [_Class(name, library, counts[name], CALIBRATION, looks, known.get(name)) for name in names]
+    work += [_other(known[name], library, others, looks) for name in others_of]
+    order = [*known, *(name for name in names if name not in known)]
+    work.sort(key=lambda each: order.index(each.name))
+    constants = [each.constants(seed) for each in work]
     settings = PerceiveSettings(
         classes=names,
         assets=str(library.location),
         robot=robot_name,
         objects=objects,
         objects_of=dict(objects_of or {}),
+        others=others if others_of else None,
         looks=looks,
         steps=steps,
         batch=batch,
@@ -131,24 +159,26 @@ def train_estimator(
         start=None if start is None else str(start),
     )
     with ResumableFolder(out, MARKER, settings, holds="a training of an estimator", resume=resume):
-        constants, arrays, held_out = _examples(library, profile, settings, out / EXAMPLES, progress)
-        training = TrainConfig(steps=steps, batch=batch, seed=seed, ema=0.99, learning_rate=1.5e-3)
+        learned, arrays, held_out = _examples(work, constants, profile, seed, out / EXAMPLES, progress)
+        rate = LEARNING_RATE if set(names) == set(known) or not known else GENTLE_RATE
+        training = TrainConfig(steps=steps, batch=batch, seed=seed, ema=0.99, learning_rate=rate)
         torch.set_num_threads(training.threads)
         torch.manual_seed(seed)
-        network = SceneNetwork(len(names))
+        network = SceneNetwork(len(work))
         initial: dict[str, str] = {}
-        if start is not None:
-            weights = _initial(start, names, profile).state_dict()
-            network.load_state_dict(weights)
+        if first is not None:
+            weights = first.network.state_dict()
+            similar = [_most_similar(first, arrays, row, learned[row]) for row in range(len(known), len(work))]
+            network.load_state_dict(grown(weights, similar))
             initial["start"] = hashlib.sha256(b"".join(each.numpy().tobytes() for each in weights.values())).hexdigest()
         state = TrainState(network, copy.deepcopy(network).eval(), optimizer_of(network, training))
         digest = hashlib.sha256(b"".join(arrays[name].tobytes() for name in sorted(arrays))).hexdigest()
         identity = Identity(
-            {"policy": {"classes": list(names)}, "training": training.to_dict(), "data": {"digest": digest}} | initial
+            {"policy": {"classes": order}, "training": training.to_dict(), "data": {"digest": digest}} | initial
         )
         if (out / TRAINING / STATE_JSON).exists():
             state.load(out / TRAINING, identity)
-        source = Examples(arrays)
+        source = Examples(arrays, [order.index(name) for name in names] if others_of else None)
 
         def gradients(step: int) -> float:
             found = losses(network, source.batch(rng(seed, "perception/step", step), batch))
@@ -158,7 +188,7 @@ def train_estimator(
             return float(total.detach())
 
         loss = take_steps(state, gradients, training, out / TRAINING, identity, progress)
-        estimator = SceneEstimator(copy.deepcopy(state.average).eval(), constants, profile)
+        estimator = SceneEstimator(copy.deepcopy(state.average).eval(), learned, profile)
         changed = [
             deformed(_example_of(held_out, row), rng(seed, "perception/calibration", row))
             for row in range(len(held_out["class"]))
@@ -168,7 +198,7 @@ def train_estimator(
     return {
         "schema_version": 1,
         "folder": str(out),
-        "classes": list(names),
+        "classes": order,
         "clouds": len(arrays["class"]),
         "steps": state.step,
         "cpu_s": round(state.cpu_s, 1),
@@ -178,35 +208,103 @@ def train_estimator(
     }
 
 
+@dataclass(frozen=True)
+class _Class:
+    """Class of which clouds are made.
+
+    Attributes:
+        name: name of the class.
+        library: library of its objects.
+        objects, calibration: number of training objects and of calibration objects.
+        looks: number of clouds of each object.
+        known: constants of the class in the estimator with which the training starts; None if it is new.
+        is_other: whether the class is only kept, so that its constants do not change.
+    """
+
+    name: str
+    library: Library
+    objects: int
+    calibration: int
+    looks: int
+    known: ClassConstants | None
+    is_other: bool = False
+
+    def instances(self, seed: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the ids of the training objects and of the calibration objects."""
+        count = self.objects + self.calibration
+        ids = training_instances(self.library, {self.name: count}, seed)[self.name]
+        # If the library has too few objects, most of them are training objects.
+        kept = self.objects if len(ids) == count else max(len(ids) - min(self.calibration, len(ids) // 4), 1)
+        return ids[:kept], ids[kept:]
+
+    def constants(self, seed: int) -> ClassConstants:
+        """Return the constants of the class, without those that follow from the clouds.
+
+        Raises:
+            InputError: two objects of the class have different keypoints, or the known class has other keypoints.
+        """
+        training, calibration = self.instances(seed)
+        # All generated objects of a class have the same keypoints.
+        ids = (*training, *calibration) if self.library.source(self.name) == "real" else training[:1]
+        models = [self.library.load_articulated(self.name, each) for each in ids]
+        found = ClassConstants.of(max(models, key=lambda model: len(model.keypoints)))
+        for model in models:
+            names = tuple(model.keypoints)
+            if names != found.keypoints[: len(names)]:
+                message = f"the object {model.id} has the keypoints {', '.join(names)}, but another object has"
+                remedy = (
+                    f"state the keypoints of one object, and import the others: gensim2 assets import --like {ids[0]}"
+                )
+                raise InputError(f"{message} {', '.join(found.keypoints)}", field=f"class {self.name}", remedy=remedy)
+        if self.known is not None and (found.keypoints, found.joint_type) != (
+            self.known.keypoints,
+            self.known.joint_type,
+        ):
+            message = f"its objects have a {found.joint_type} joint and the keypoints {', '.join(found.keypoints)}, but"
+            message += f" the estimator has a {self.known.joint_type} joint and {', '.join(self.known.keypoints)}"
+            raise InputError(message, field=f"class {self.name}", remedy="give the class of your objects another name")
+        return found if self.known is None else self.known
+
+
+def _other(known: ClassConstants, library: Library, objects: int, looks: int) -> _Class:
+    """Return a class that the estimator knows and that is not to be forgotten."""
+    generated = open_library("builtin")
+    source = generated if known.name in generated.classes() else library
+    if known.name not in source.classes():
+        message = f"the estimator knows the class {known.name!r}, of which there are no objects"
+        raise InputError(message, field="assets", remedy="add the folder of its objects to the folder of --assets")
+    return _Class(known.name, source, objects, 1, min(looks, OTHER_LOOKS), known, is_other=True)
+
+
 def _examples(
-    library: Library, profile: RobotProfile, settings: PerceiveSettings, folder: Path, progress: Progress
+    classes: Sequence[_Class],
+    before: Sequence[ClassConstants],
+    profile: RobotProfile,
+    seed: int,
+    folder: Path,
+    progress: Progress,
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
-    """Return class constants, training examples and calibration examples; generate examples that are missing."""
-    counts = {name: settings.objects_of.get(name, settings.objects) + CALIBRATION for name in settings.classes}
-    instances = training_instances(library, counts, settings.seed)
-    constants: list[ClassConstants] = []
+    """Return class constants, training examples and calibration examples; generate examples that are missing. The
+    constants ``before`` lack values that follow from the examples.
+    """
+    names = [each.name for each in classes]
+    instances = [each.instances(seed) for each in classes]
+    constants = list(before)
     training: list[Arrays] = []
     held_out: list[Arrays] = []
-    progress.start("looking at objects", sum(-(-len(ids) // OBJECTS_A_FILE) for ids in instances.values()))
-    for name, ids in instances.items():
-        model = library.load(name, ids[0], "default")
-        assert isinstance(model, ArticulatedObject)
-        constants.append(ClassConstants.of(model))
-        kept, ranges = max(len(ids) - CALIBRATION, 1), []
-        extents: list[float] = []
-        groups = [ids[first : min(first + OBJECTS_A_FILE, kept)] for first in range(0, kept, OBJECTS_A_FILE)]
-        for number, group in enumerate([*groups, ids[kept:]]):
-            found = _file_of(library, profile, settings, folder / f"{name}-{number}.npz", name, group)
+    progress.start("looking at objects", sum(-(-len(ids) // OBJECTS_A_FILE) + 1 for ids, _ in instances))
+    for row, (each, (kept, last)) in enumerate(zip(classes, instances, strict=True)):
+        ranges, extents = [], []
+        groups = [kept[first : first + OBJECTS_A_FILE] for first in range(0, len(kept), OBJECTS_A_FILE)]
+        for number, group in enumerate([*groups, last]):
+            found = _file_of(each, profile, seed, folder / f"{each.name}-{number}.npz", names, group)
             if found is not None:
                 (held_out if number == len(groups) else training).append(found)
                 ranges.append(np.ptp(found["limits"], axis=1))
                 extents += _extents(found)
             progress.advance()
-        if ranges:
-            spans = np.concatenate(ranges).astype(np.float64)
-            span, least = (float(spans.min()), float(spans.max())), float(np.quantile(extents, LEAST_QUANTILE))
-            # A class whose objects the cameras hardly see has no smallest extent.
-            constants[-1] = constants[-1].model_copy(update={"span": span, "least_extent": least or None})
+        if ranges and not each.is_other:
+            constants[row] = constants[row].over(np.concatenate(ranges), float(np.quantile(extents, LEAST_QUANTILE)))
     return tuple(constants), _joined(training), _joined(held_out or training[:1])
 
 
@@ -219,7 +317,7 @@ def _extents(examples: Arrays) -> list[float]:
 
 
 def _file_of(
-    library: Library, profile: RobotProfile, settings: PerceiveSettings, path: Path, name: str, ids: Sequence[str]
+    kind: _Class, profile: RobotProfile, seed: int, path: Path, classes: Sequence[str], ids: Sequence[str]
 ) -> Arrays | None:
     """Return the examples of the objects ``ids``. Read them from the file ``path`` if it exists; otherwise generate
     them and write the file. Return None if the cameras see none of the objects.
@@ -228,9 +326,9 @@ def _file_of(
         return read_arrays(path)
     found: list[Example] = []
     for each in ids:
-        generator = rng(settings.seed, f"perception/{name}/{each}")
-        for look in object_looks(library, profile, name, each, settings.looks, generator):
-            arrays = example(look, settings.classes, profile)
+        generator = rng(seed, f"perception/{kind.name}/{each}")
+        for look in object_looks(kind.library, profile, kind.name, each, kind.looks, generator):
+            arrays = example(look, classes, profile)
             arrays["features"] = np.rint(127 * features_of(look.cloud.xyz)).astype(np.int8)
             found.append(arrays)
     if not found:
@@ -249,14 +347,23 @@ def _example_of(arrays: Arrays, row: int) -> Example:
     return {name: values[row] for name, values in arrays.items()}
 
 
-def _initial(start: Path | str, names: Sequence[str], profile: RobotProfile) -> SceneNetwork:
-    """Return the network of the estimator ``start``, which must know exactly the classes ``names``."""
-    found = SceneEstimator.load(start, profile)
-    known = [each.name for each in found.classes]
-    if known != list(names):
-        message = f"{start}: the classes of the estimator differ from the classes of the training"
-        raise InputError(message, field="start", remedy=f"train exactly the classes {', '.join(known)}")
-    return found.network
+def _most_similar(estimator: SceneEstimator, arrays: Arrays, number: int, kind: ClassConstants) -> int:
+    """Return the index of the class that the estimator considers most probable in the clouds of a new class, among the
+    classes with the same type of joint. If the estimator knows no such class, consider all classes.
+
+    Args:
+        estimator: estimator that does not know the class.
+        arrays: labelled clouds.
+        number: index of the new class in ``arrays``.
+        kind: constants of the new class.
+    """
+    rows = np.flatnonzero(arrays["class"] == number)
+    total = np.zeros(len(estimator.classes))
+    for row in rows[:: max(len(rows) // COMPARED, 1)]:
+        for found in estimator.estimate(from_steps(arrays["points"][row])).objects:
+            total += list(found.classes.values())
+    alike = np.array([each.joint_type == kind.joint_type for each in estimator.classes])
+    return int(np.argmax(np.where(alike, total, -1.0) if alike.any() else total))
 
 
 class Examples:
@@ -266,18 +373,29 @@ class Examples:
         arrays: arrays with one row for each labelled cloud: the arrays that
             :func:`~gensim2.perception.estimation.examples.example` returns, and the array ``features`` (..., N, 5).
             This array contains the points' features times 127 as int8.
+        trained: indices of the classes that get the fraction ``TRAINED_SHARE`` of a batch; the other classes share the
+            rest. The loss of the classes then takes into account how often each class is sampled, so that the network
+            does not consider the trained classes more probable. None: no class is preferred.
     """
 
-    def __init__(self, arrays: Arrays) -> None:
+    def __init__(self, arrays: Arrays, trained: Sequence[int] | None = None) -> None:
         self._arrays = arrays
         _, number, counts = np.unique(arrays["class"], return_inverse=True, return_counts=True)
         self._chance = 1.0 / np.sqrt(counts[number])
         self._chance /= self._chance.sum()
+        self._prior: dict[str, torch.Tensor] = {}
+        if trained is not None:
+            preferred = np.isin(arrays["class"], trained)
+            for rows, share in ((preferred, TRAINED_SHARE), (~preferred, 1.0 - TRAINED_SHARE)):
+                self._chance[rows] *= share / self._chance[rows].sum()
+            shares = np.bincount(arrays["class"], self._chance)
+            self._prior["log_prior"] = torch.from_numpy(np.log(np.maximum(shares, 1e-9))).float()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
         """Sample a batch, and deform, rotate and shift each cloud at random.
 
-        The probability of a class is proportional to the square root of its number of clouds.
+        The probability of a class is proportional to the square root of its number of clouds, apart from the preferred
+        classes.
         """
         rows = generator.choice(len(self._chance), size, p=self._chance)
         turn = generator.uniform(-MOST_TURN, MOST_TURN, size)
@@ -287,7 +405,7 @@ class Examples:
         # object points.
         order = generator.random(arrays["group"].shape) - 0.5 * (arrays["group"] == TARGET)
         chosen = torch.from_numpy(np.argsort(order, axis=1)[:, :VOTERS])
-        return {**tensors(arrays, turn, shift), "rows": chosen}
+        return {**tensors(arrays, turn, shift), "rows": chosen, **self._prior}
 
 
 def tensors(arrays: Arrays, turn: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]) -> dict[str, torch.Tensor]:
