@@ -135,12 +135,12 @@ def sample_initial_state(
 ) -> InitialState:
     """Sample the initial state of a scene. Values given in ``options`` replace the sampled values.
 
-    A single object keeps its first random placement. If there are several objects and ``physics`` allows it, the
-    placements are sampled repeatedly, at most ``MAX_DRAWS`` times, until three conditions hold. First, all objects are
-    ``GAP`` apart, including the volume through which a joint moves a part. Second, all objects are within the robot's
-    reach. Third, no rigid object overlaps the space that the robot occupies at the start. Placements given in
-    ``options`` never change. If the preset randomizes the start of the robot, the start is sampled again until the
-    robot overlaps no object.
+    If ``physics`` allows it, the placements are sampled repeatedly, at most ``MAX_DRAWS`` times, until the robot
+    overlaps none of these objects at its start. If there are several objects, three more conditions must hold. First,
+    all objects are ``GAP`` apart, including the volume through which a joint moves a part. Second, all objects are
+    within the robot's reach. Third, no rigid object overlaps the space that the robot occupies at the start. Placements
+    given in ``options`` never change. If the preset randomizes the start of the robot, the start is sampled again as
+    well.
 
     The values that are sampled from the task's ranges do not depend on whether a preset randomizes additional values,
     because a second random generator samples the additional values.
@@ -174,11 +174,12 @@ def sample_initial_state(
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
     starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    for count in range(1, MAX_DRAWS + 1):  # With a single object, the first placement is kept.
+    checked = [name for name in models if again and (starts is not None or _is_drawn(options[name]))]
+    for count in range(1, MAX_DRAWS + 1):
         objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
-            hulls = [thing.hulls_in_world() for thing in objects.values()]
-            clear = start if starts is None else clear_start(starts, start, robot, hulls)
+            hulls = [objects[name].hulls_in_world() for name in checked]
+            clear = clear_start(starts, start, robot, hulls) if checked else start
             if clear is not None:
                 return InitialState(objects, count, clear, randomization.name)
         for name, spec in task.objects.items():
@@ -189,6 +190,11 @@ def sample_initial_state(
         field="objects",
         remedy="move the positions in place.at farther apart, or choose other instances",
     )
+
+
+def _is_drawn(options: ObjectOptions) -> bool:
+    """Return whether the placement of an object is sampled, and not given in the reset options."""
+    return not {"pose", "offset"} & set(options)
 
 
 def _vary(
@@ -275,7 +281,7 @@ class _Room:
         start: tuple[float, ...],
     ) -> None:
         self._on = {name: spec.place.on for name, spec in task.objects.items()}
-        self._drawn = {name for name in models if not {"pose", "offset"} & set(options[name])}
+        self._drawn = {name for name in models if _is_drawn(options[name])}
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
@@ -332,13 +338,16 @@ MAX_STARTS = 10
 
 
 def clear_start(
-    generator: np.random.Generator, start: tuple[float, ...], robot: RobotProfile, hulls: Sequence[Sequence[Array]]
+    generator: np.random.Generator | None,
+    start: tuple[float, ...],
+    robot: RobotProfile,
+    hulls: Sequence[Sequence[Array]],
 ) -> tuple[float, ...] | None:
     """Return start joints at which the robot overlaps no object. These are ``start`` if possible, and otherwise random
     joints.
 
     Args:
-        generator: generator of the random joints.
+        generator: generator of the random joints; None: only ``start`` is tested.
         start: (n,) first start joints to test: all active joints, rad or m.
         robot: robot profile.
         hulls: for each object, the vertices (N, 3) of its convex hulls in the world frame, m.
@@ -356,9 +365,13 @@ def clear_start(
         for index, parts in enumerate(hulls)
     ]
     scene = kpam.Scene(robot.model, bodies)
+    if generator is None and kpam.Scene(robot.model, []).in_collision(np.array(start)):
+        return start  # The links overlap each other, which says nothing about the objects.
     for _ in range(MAX_STARTS):
         if not scene.in_collision(np.array(start)):
             return start
+        if generator is None:
+            break
         start = draw_start(generator, robot)
     return None
 
