@@ -13,7 +13,7 @@ from gensim2.core.seeding import rng
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import SceneEstimator
 from gensim2.perception.estimation.division import BESIDE, CONNECTED, NOTHING, first_division, next_division, parts
-from gensim2.perception.estimation.goal import GoalTracker
+from gensim2.perception.estimation.goal import DENSE, GoalTracker
 from gensim2.robots import robot
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_task
@@ -117,7 +117,7 @@ def test_two_articulated_objects_are_estimated_apart() -> None:
     task = load_task(name)
     classes = {each: kind.asset_class for each, kind in task.objects.items()}
     goal = GoalTracker(SceneEstimator.load(), classes, task.success)
-    goal.take_in(env.observe(ObservationSpec(cloud=goal.cloud_settings)).cloud.xyz)
+    goal.take_in(env.observe(ObservationSpec(cloud=DENSE)).cloud.xyz)
     q, true = np.array(PANDA.reset_qpos), env.measure()
     found = goal.measurement(q)
     for each in classes:
@@ -137,14 +137,14 @@ def test_an_object_that_the_task_does_not_name_is_an_obstacle() -> None:
     env.reset(1)
     classes, success = {"box": BOX}, load_task("CloseBox").success
     alone, together = (GoalTracker(SceneEstimator.load(), classes, success) for _ in range(2))
-    cloud = env.observe(ObservationSpec(cloud=alone.cloud_settings)).cloud.xyz
+    cloud = env.observe(ObservationSpec(cloud=DENSE)).cloud.xyz
     T = np.linalg.inv(PANDA.T_world_base)
     middle = cloud[:, :2].mean(axis=0)
     mug = cloud_of(on_table("mug", 0.0, 0.0)) @ T[:3, :3].T + T[:3, 3]
     mug[:, :2] += np.array([middle[0], cloud[:, 1].max() + 0.15]) - mug[:, :2].mean(axis=0)
     other = HeadlessEnv("OpenDrawer", assets="builtin", engine="mujoco", instances="new")
     other.reset(1)
-    cabinet = other.observe(ObservationSpec(cloud=alone.cloud_settings)).cloud.xyz
+    cabinet = other.observe(ObservationSpec(cloud=DENSE)).cloud.xyz
     cabinet[:, 1] += cloud[:, 1].min() - 0.12 - cabinet[:, 1].max()
     alone.take_in(cloud)
     things = np.concatenate([mug, cabinet]).astype(np.float32)

@@ -78,13 +78,10 @@ def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:
     again = track.after(unsure, looks[2].cloud.xyz, NONE, -1)
     for name, at in again.found.keypoints.items():
         assert np.linalg.norm(at - third.keypoints[name]) < 0.012
-    # If the network is sure, its new keypoints count, and so they do if its openness contradicts the displacement.
-    for sure in (
-        replace(unsure, keypoint_deviations=dict.fromkeys(off, 0.002)),
-        unsure.at(0.9, 0.1),
-    ):
-        new = Track(first, looks[0].cloud.xyz, NONE).after(sure, looks[1].cloud.xyz, NONE, -1)
-        assert np.array_equal(new.found.keypoints[INSIDE], off[INSIDE])
+    # If the network is sure, its new keypoints count.
+    sure = replace(unsure, keypoint_deviations=dict.fromkeys(off, 0.002))
+    new = Track(first, looks[0].cloud.xyz, NONE).after(sure, looks[1].cloud.xyz, NONE, -1)
+    assert np.array_equal(new.found.keypoints[INSIDE], off[INSIDE])
 
 
 def test_a_motion_that_should_not_move_the_drawer_moves_it_only_if_the_points_show_it() -> None:
@@ -102,13 +99,13 @@ def test_a_motion_that_should_not_move_the_drawer_moves_it_only_if_the_points_sh
         moving=found.moving[kept],
         keypoints=shifted,
     )
-    assert displacement(found, look.cloud.xyz, hidden, cloud) == pytest.approx(-0.04)
-    assert displacement(found, look.cloud.xyz, hidden, cloud, is_expected=False) == 0.0
+    assert displacement(found, look.cloud.xyz, hidden, cloud).value == pytest.approx(-0.04)
+    assert displacement(found, look.cloud.xyz, hidden, cloud, is_expected=False).value == 0.0
     # A drawer that the hand has really displaced is still noticed.
     moved = look_at("drawer", 0.3)
     by = displacement(found, look.cloud.xyz, truth(moved), moved.cloud.xyz, is_expected=False)
     span = found.joint.upper - found.joint.lower
-    assert by == pytest.approx(-0.5 * span, abs=0.06 * span)
+    assert by.value == pytest.approx(-0.5 * span, abs=0.06 * span)
 
 
 def test_a_drawer_that_the_network_sees_open_is_not_closed_by_a_standstill() -> None:
@@ -118,14 +115,19 @@ def test_a_drawer_that_the_network_sees_open_is_not_closed_by_a_standstill() -> 
     seen = track.after(third.at(0.5, 0.1), looks[2].cloud.xyz, NONE, -1)
     assert seen.found.joint.openness == pytest.approx(0.5, abs=0.1)
     assert seen.misses == 1
-    # If the network is not sure, the standstill shows that the drawer is closed.
-    unsure = track.after(third.at(0.5, 0.2), looks[2].cloud.xyz, NONE, -1)
-    assert unsure.found.joint.openness == 0.0
+    # If the network is not sure, the standstill shows that the drawer is closed, but only if the drawer has resisted:
+    # otherwise the hand may have missed it.
+    unsure = third.at(0.5, 0.2)
+    assert track.after(unsure, looks[2].cloud.xyz, NONE, -1).found.joint.openness > 0.4
+    assert track.after(unsure, looks[2].cloud.xyz, NONE, -1, is_pressed=True).found.joint.openness == 0.0
     # A second standstill shows it even if the network is sure, unless the drawer is too far from its end.
     assert seen.after(third.at(0.5, 0.1), looks[2].cloud.xyz, NONE, -1).found.joint.openness > 0.4
-    nearly = track.after(third.at(0.2, 0.05), looks[2].cloud.xyz, NONE, -1)
+    near = look_at("drawer", 0.2)
+    nearly = track.after(truth(near).at(0.2, 0.05), near.cloud.xyz, NONE, -1)
     assert nearly.found.joint.openness > 0.0
-    assert nearly.after(third.at(0.2, 0.05), looks[2].cloud.xyz, NONE, -1).found.joint.openness == 0.0
+    again = nearly.after(truth(near).at(0.2, 0.05), near.cloud.xyz, NONE, -1)
+    assert again.found.joint.openness > 0.0
+    assert again.after(truth(near).at(0.2, 0.05), near.cloud.xyz, NONE, -1).found.joint.openness == 0.0
 
 
 def test_the_planner_gets_the_floor_of_a_drawer() -> None:

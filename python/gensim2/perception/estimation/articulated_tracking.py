@@ -36,6 +36,10 @@ LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""
 SHUT = 0.2
 """Estimated openness of a part below which the cameras cannot see its contents."""
+UNKNOWN = 0.3
+"""Standard deviation of the openness above which the cloud does not show the openness, for example of an object that is
+pushed along the table. The joint then counts as being at the end of its range that is away from the goal, so that the
+hand pushes it over the whole range."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -51,7 +55,6 @@ class ArticulatedTracker:
         name: name of the object in the task.
         asset_class: class of the object.
         estimator: estimator of scenes.
-        is_dense: whether the clouds must be thinned for the network.
 
     Raises:
         InputError: the estimator does not know the class.
@@ -64,10 +67,10 @@ class ArticulatedTracker:
         carried: hidden rigid objects in the moving part, by name, with their estimates before the latest motion.
     """
 
-    def __init__(self, name: str, asset_class: str, estimator: SceneEstimator, *, is_dense: bool) -> None:
+    def __init__(self, name: str, asset_class: str, estimator: SceneEstimator) -> None:
         self.name, self.asset_class = name, asset_class
         self._kind = estimator.classes[by_name(estimator.classes, asset_class)]
-        self._estimator, self._is_dense = estimator, is_dense
+        self._estimator = estimator
         self.reset(())
 
     def reset(self, success: Sequence[Criterion]) -> None:
@@ -102,7 +105,7 @@ class ArticulatedTracker:
         """Return an estimate of the object in a cloud (N, 3), without changing the tracker. A dense cloud is thinned
         first, because the network was trained on clouds of a fixed size; the result has the rows of the whole cloud.
         """
-        if not self._is_dense:
+        if len(cloud) <= SETTINGS.points:
             return self._estimator.estimate(cloud, self.asset_class)
         seen = thinned(cloud)
         estimate = self._estimator.estimate(seen, self.asset_class)
@@ -131,26 +134,32 @@ class ArticulatedTracker:
         if not self.carried or self._before is None or not seen.objects:
             return False
         [found] = seen.objects
-        self.carry(self._before.displacement(found, cloud, is_expected=self.moves_joint), rigid)
+        measured = self._before.displacement(found, cloud, self.goal, is_expected=self.moves_joint)
+        self.carry(None if measured is None else measured.value, rigid)
         return found.joint.openness < SHUT
 
-    def take_in(self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker) -> None:
+    def take_in(self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker, *, is_pressed: bool = False) -> None:
         """Update the estimate. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points that may show the object, without rigid objects of the task, base frame, m.
             seen: estimate of these points.
             rigid: tracker of the rigid objects. Objects in the moving part move with the joint.
+            is_pressed: whether the object has blocked the arm in the latest motion.
         """
         found = seen.objects[0] if seen.objects else None
         if found is None or len(found.points) < LEAST_SEEN * self._seen_at_first:
             self.track = None if self.track is None else replace(self.track, change=None)
             return
         self._seen_at_first = self._seen_at_first or len(found.points)
+        if self._before is None and self.goal and found.joint.openness_deviation > UNKNOWN:
+            found = found.at(0.5 - 0.5 * self.goal, found.joint.openness_deviation)
         self.track = (
             Track(found, cloud, seen.others)
             if self._before is None
-            else self._before.after(found, cloud, seen.others, self.goal, is_expected=self.moves_joint)
+            else self._before.after(
+                found, cloud, seen.others, self.goal, is_expected=self.moves_joint, is_pressed=is_pressed
+            )
         )
         self.carry(self.track.change, rigid)
         if self.has_floor:
@@ -239,12 +248,12 @@ class ArticulatedTracker:
         assert self.track is not None
         return {name: self._in_world(at) for name, at in self.track.found.keypoints.items()}
 
-    def scene_object(self, cell: float) -> SceneObject:
+    def scene_object(self) -> SceneObject:
         """Return the latest estimate as an object of the planner's scene, whose boxes are in cells of a side (m)."""
         assert self.track is not None
         profile, cloud = self._estimator.profile, self.track.cloud
         floor = None if self.floor is None else self.floor - float(profile.T_world_base[2, 3])
-        return scene_object(self.name, raised(self.track.to_plan, cloud, profile), cloud, cell, floor)
+        return scene_object(self.name, raised(self.track.to_plan, cloud, profile), cloud, floor)
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
         """Return whether the centre of a rigid object lies in the bounding box of the moving part. Only a part with a

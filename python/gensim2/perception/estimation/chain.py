@@ -22,7 +22,7 @@ from gensim2.perception.estimation.estimator import (
     estimator_folder,
 )
 from gensim2.perception.estimation.examples import SETTINGS
-from gensim2.perception.estimation.goal import GoalTracker
+from gensim2.perception.estimation.goal import DENSE, GoalTracker
 from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import Strategy, centered
@@ -61,6 +61,10 @@ class _Chain(ChainController):
     it cannot detect during a motion that the object deviates from the plan.
     """
 
+    is_pressed: bool
+    """Whether the object has blocked the arm in the latest motion, although the arm pressed on it with the largest
+    permitted force."""
+
     @property
     def waited(self) -> int:
         """Number of control steps since the last motion ended."""
@@ -80,6 +84,7 @@ class _Chain(ChainController):
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
         super().reset(observation, seed)
         self.is_finished = False
+        self.is_pressed = False
         self.left: set[str] = set()
         self._grasped: set[str] = set()
         self._blocked = 0
@@ -109,7 +114,10 @@ class _Chain(ChainController):
 
     def _begin(self, observation: PrivilegedObservation) -> bool:
         self._blocked = 0
-        return super()._begin(observation)
+        has_begun = super()._begin(observation)
+        if has_begun:
+            self.is_pressed = False
+        return has_begun
 
     def _variants(self, strategy: Strategy, scene: Scene) -> Sequence[Strategy]:
         """A grasped object is placed near the middle of the strategy's tolerance if possible, because the estimated
@@ -145,6 +153,7 @@ class _Chain(ChainController):
         is_free = run.ran < schedule.contact
         targets, is_behind = self._yielding(observation, run.actions[run.ran][:-1], is_free)
         is_blocked = is_behind and self._is_blocked(observation, targets)
+        self.is_pressed = self.is_pressed or (is_blocked and not is_free)
         if is_blocked and is_free and self._blocked >= self._profile.steps(BLOCKED_SECONDS):
             run.is_stopped, self._blocked = True, 0
             self._notice(observation, Cause.FORCE_LIMIT)
@@ -253,7 +262,7 @@ class PerceivingChain:
         self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success)
         ways = load_strategies(self._task.name) if strategies is None else strategies
         self._chain = _Chain(self._task, ways, self._profile)
-        settings = self._goal.cloud_settings
+        settings = DENSE
         if noise is not None:
             # Only noise causes stray points and lifts points of the table. Without noise, the filter of outliers would
             # only drop small objects.
@@ -373,7 +382,8 @@ class PerceivingChain:
         which reports this.
         """
         assert observation.cloud is not None, "the cameras were asked for"
-        self._goal.take_in(observation.cloud.xyz)
+        is_pressed = bool(self.looks) and self._chain.is_pressed
+        self._goal.take_in(observation.cloud.xyz, is_pressed=is_pressed)
         if self._goal.mismatch is not None:
             name = self._task.steps[0].name
             self._refusal = Event(observation.step, name, Cause.OBJECT_NOT_SEEN, self._goal.mismatch)

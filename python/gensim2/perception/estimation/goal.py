@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.perception.cloud import CloudSettings
 from gensim2.perception.estimation.articulated_tracking import ArticulatedTracker
 from gensim2.perception.estimation.division import NOTHING, Labels, first_division, next_division
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.rigid import clusters, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
-from gensim2.perception.estimation.scene import CELL, planning_scene
+from gensim2.perception.estimation.scene import planning_scene
 from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
@@ -24,11 +23,9 @@ from gensim2.tasks.measurement import Measurement
 Array = npt.NDArray[np.float64]
 
 DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
-"""Settings of the point clouds for tasks with several objects. They contain nearly all pixels, because a small object
-may cover only a dozen pixels."""
-FINE_CELL = 0.02
-"""Side of the grid cells (m) of obstacle boxes in dense clouds (:data:`~gensim2.perception.estimation.scene.CELL`)."""
-DISTRUST = 1.0
+"""Settings of the point clouds. They contain nearly all pixels, because a small object or a thin moving part may cover
+only a dozen pixels."""
+DISTRUST = 2.0
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
 the number of motions of the step. The latest motions do not count if they have not moved the joint."""
 
@@ -65,20 +62,14 @@ class GoalTracker:
         known = {each.name for each in estimator.classes}
         shapes = {name: shape_of(each) for name, each in objects.items() if each not in known}
         self.rigid = RigidTracker({name: each for name, each in shapes.items() if each is not None})
-        self._is_dense = len(objects) > 1 or bool(self.rigid.shapes)
         self.articulated = {
-            name: ArticulatedTracker(name, each, estimator, is_dense=self._is_dense)
+            name: ArticulatedTracker(name, each, estimator)
             for name, each in objects.items()
             if name not in self.rigid.shapes
         }
         self.estimator, self._success = estimator, tuple(success)
         self._objects = dict(objects)
         self.reset()
-
-    @property
-    def cloud_settings(self) -> CloudSettings:
-        """Settings of the point clouds for :meth:`take_in`, without noise."""
-        return DENSE if self._is_dense else SETTINGS
 
     @property
     def is_seen(self) -> bool:
@@ -120,13 +111,14 @@ class GoalTracker:
                 each.carried.pop(name, None)
         self.rigid.hold(name, T_world_object)
 
-    def take_in(self, cloud: Points) -> None:
+    def take_in(self, cloud: Points, *, is_pressed: bool = False) -> None:
         """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points in the base frame, m, without points of the robot.
+            is_pressed: whether the object has blocked the arm in the latest motion.
         """
-        cloud = np.unique(cloud, axis=0) if self._is_dense else cloud
+        cloud = np.unique(cloud, axis=0)
         labels = self._divided(cloud)
         if self.rigid.shapes:
             rest = self._take_in_rigid(cloud, labels) < 0
@@ -145,7 +137,7 @@ class GoalTracker:
                 named = {"object": each.name} if len(self._objects) > 1 else {}
                 self.mismatch = self.mismatch or {**named, "class": each.asset_class, **why}
             if self.mismatch is None:
-                each.take_in(part, seen, self.rigid)
+                each.take_in(part, seen, self.rigid, is_pressed=is_pressed)
             if len(rows):
                 self._bodies[number] = part
         self._others = _without_strays(cloud[labels == NOTHING])
@@ -267,7 +259,7 @@ class GoalTracker:
             q: (n,) joint values of the robot.
         """
         assert self.is_seen, "the first cloud does not show the objects"
-        profile, cell = self.estimator.profile, FINE_CELL if self._is_dense else CELL
+        profile = self.estimator.profile
         T_base_world = np.asarray(np.linalg.inv(profile.T_world_base), dtype=np.float64)
         obstacles = [self._others]
         objects = {}
@@ -277,9 +269,9 @@ class GoalTracker:
                 continue
             each = self.articulated[name]
             assert each.track is not None
-            objects[name] = each.scene_object(cell)
+            objects[name] = each.scene_object()
             obstacles.append(each.track.cloud[each.track.others])
-        return planning_scene(objects, np.concatenate(obstacles), q, profile, cell=cell)
+        return planning_scene(objects, np.concatenate(obstacles), q, profile)
 
 
 _NO_POINTS: Points = np.zeros((0, 3), dtype=np.float32)

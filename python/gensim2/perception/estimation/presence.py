@@ -9,13 +9,14 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
+from gensim2.objects.words import noun
 from gensim2.perception.estimation.classes import ClassConstants
 from gensim2.perception.estimation.deformation import SMALLEST
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points
 from gensim2.perception.estimation.rigid import clusters
 
 CLASS_ODDS = 100.0
-"""Prior odds that an articulated object in the cloud has the task's class instead of another class."""
+"""Prior odds that an articulated object in the cloud is of the task's kind instead of another kind."""
 CONNECTED = 0.045
 """Maximum distance (m) between neighbouring points of an object. The points of a thinned cloud of a large object are up
 to 4 cm apart."""
@@ -36,8 +37,9 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
     """Return why a cloud does not show an object of a class, as plain data; None if the cloud shows such an object.
 
     The network knows only classes of articulated objects, and assigns one of them to any points. Therefore two
-    conditions must hold. The class must be at least 1 / ``CLASS_ODDS`` times as probable as the most probable class.
-    The largest connected part of the object's points must not be smaller than in the training clouds of the class.
+    conditions must hold. The kind of object, such as a bucket, must be at least 1 / ``CLASS_ODDS`` times as probable as
+    the most probable class. The classes of one kind, such as bucket_lift and bucket_swing, have the same shapes. The
+    largest connected part of the object's points must not be smaller than in the training clouds of the class.
     Small objects such as a mug, also several of them side by side, fail the second condition.
 
     Args:
@@ -48,9 +50,10 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
     if found is None:
         return {}
     likeliest = max(found.classes, key=lambda name: found.classes[name])
-    if CLASS_ODDS * found.confidence < found.classes[likeliest]:
+    probability = sum(each for name, each in found.classes.items() if noun(name) == noun(kind.name))
+    if CLASS_ODDS * probability < found.classes[likeliest]:
         return {
-            "probability": round(found.confidence, 4),
+            "probability": round(probability, 4),
             "likeliest": likeliest,
             "probability_of_likeliest": round(found.classes[likeliest], 4),
         }

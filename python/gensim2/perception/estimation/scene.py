@@ -18,7 +18,7 @@ from gensim2.scenes.table import HALF_SIZE, corners
 
 Array = npt.NDArray[np.float64]
 
-CELL = 0.04
+CELL = 0.02
 """Side of the grid cells whose points are enclosed in one box, m."""
 SKIN = 0.002
 """Margin of a box around its points, m."""
@@ -37,9 +37,7 @@ _TABLE_HULLS = (corners(),)
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
 
 
-def planning_scene(
-    objects: Mapping[str, SceneObject], obstacles: Points, q: Array, profile: RobotProfile, *, cell: float = CELL
-) -> Scene:
+def planning_scene(objects: Mapping[str, SceneObject], obstacles: Points, q: Array, profile: RobotProfile) -> Scene:
     """Return a scene of the planner with estimated objects on the table.
 
     Args:
@@ -47,12 +45,11 @@ def planning_scene(
         obstacles: (N, 3) points of other bodies, base frame, m.
         q: (n,) joint values of the robot.
         profile: robot profile.
-        cell: side of the grid cells of the obstacles' boxes, m.
     """
     table = np.eye(4)
     table[2, 3] = -HALF_SIZE[2]
     fixtures = [SceneBody(TABLE, _TABLE_HULLS, np.linalg.inv(profile.T_world_base) @ table)]
-    hulls = boxes(obstacles, cell)
+    hulls = boxes(obstacles)
     if hulls:
         fixtures.append(SceneBody("others", hulls, np.eye(4)))
     return Scene(
@@ -60,22 +57,19 @@ def planning_scene(
     )
 
 
-def scene_object(
-    name: str, found: ObjectEstimate, cloud: Points, cell: float = CELL, floor: float | None = None
-) -> SceneObject:
+def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float | None = None) -> SceneObject:
     """Return an estimate as an object of the planner's scene.
 
     Args:
         name: name of the object in the task.
         found: estimated object.
         cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
-        cell: side of the grid cells of the boxes, m.
         floor: height of the floor of the moving part in the base frame, m. Cameras above an open drawer may not see its
             floor, and the planner would move the hand through it. None: the part has no floor.
     """
     bodies = []
     for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):
-        hulls = boxes(cloud[rows], cell)
+        hulls = boxes(cloud[rows])
         if link == "moving" and hulls and floor is not None:
             hulls = (*hulls, _slab(cloud[rows], found.joint.axis, floor))
         if hulls:
@@ -133,17 +127,16 @@ def _slab(points: Points, axis: Array, height: float) -> Array:
     return np.asarray(np.where(_SIGNS, high, low) @ frame)
 
 
-def boxes(points: Points, cell: float = CELL) -> tuple[Array, ...]:
+def boxes(points: Points) -> tuple[Array, ...]:
     """Divide points among the cells of a grid, and return the corners (8, 3) of an axis-aligned box around the points
     of each cell. The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
 
     Args:
         points: (N, 3) points, m.
-        cell: side of the cells, m.
     """
     if not len(points):
         return ()
-    cells, rows = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
+    cells, rows = np.unique(np.floor(points / CELL).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(rows.reshape(-1), kind="stable")
     counts = np.bincount(rows.reshape(-1), minlength=len(cells))
     found = []

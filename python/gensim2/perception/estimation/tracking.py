@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,18 +10,28 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gensim2.objects.types import joint_motion
+from gensim2.perception.cloud import uniform_stride
 from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, Points
 
 Array = npt.NDArray[np.float64]
 
 LEAST_MOVING = 12
 """Minimum number of points on the moving part in each cloud; with fewer points no displacement is measured."""
+MOST_COMPARED = 400
+"""Maximum number of points on the moving part that are compared with the other cloud."""
 CHANGED = 0.015
 """Minimum distance (m) of a point from the other cloud if the point has no counterpart there."""
 FAR = 0.02
 """Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
+AGAINST = 0.004
+"""Distance (m) that is added to the mean distance for a displacement away from the goal."""
+NOTHING_THERE, MUCH_NEARER = 0.014, 0.8
+"""An openness in a new estimate is discarded if the moving part's points would have at least this mean distance (m)
+from the other cloud, and if the measured displacement reduces the distance to this fraction."""
 GRID, FINE = 41, 9
 """Number of displacements that are compared over the joint range, and around the best of these displacements."""
+WITHIN = 2.0
+"""Number of standard deviations of the openness by which a compared displacement may leave the joint range."""
 LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 """Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
 part, and of the points without a counterpart.
@@ -43,23 +53,58 @@ AGREEING, AGREEING_SHARE = 0.25, 0.5
 measured displacement: a constant, or a fraction of the displacement if this is larger.
 """
 
+REFUTED = 0.15
+"""Minimum difference of the openness in a new estimate from the openness after the measured displacement for the new
+estimate to be discarded."""
 MOVED = {"revolute": 0.15, "prismatic": 0.012}
 """Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range. A joint
 that moves back by this displacement does not stand still.
 """
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
-MOST_DEVIATIONS, REPEATED = 3.0, 0.25
+MOST_DEVIATIONS, NEAR_END, REPEATED = 3.0, 0.15, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end. After two motions in a row without a displacement, the openness may differ from the end by ``REPEATED``.
+at this end. After a motion without a displacement and without resistance, the openness may differ from the end by at
+most ``NEAR_END``. After two motions in a row without a displacement, it may differ by ``REPEATED``.
 """
 
 
+@dataclass(frozen=True)
+class Displacement:
+    """Measured displacement of a joint between two clouds.
+
+    Attributes:
+        value: displacement, rad or m.
+        moved: (N, 3) points of the moving part in the old cloud after the displacement, m.
+        distance: function that returns the mean distance (m) of the moving part's points from the other cloud for a
+            displacement; None if the displacement was not found by this distance.
+    """
+
+    value: float
+    moved: Array
+    distance: Callable[[float], float] | None = None
+
+    def contradicts(self, value: float) -> bool:
+        """Return whether the moving part cannot have the displacement ``value`` (rad or m), because the clouds show no
+        points there.
+        """
+        if self.distance is None:
+            return False
+        there = self.distance(value)
+        return there >= NOTHING_THERE and self.distance(self.value) <= MUCH_NEARER * there
+
+
 def displacement(
-    before: ObjectEstimate, old: Points, after: ObjectEstimate, new: Points, *, is_expected: bool = True
-) -> float | None:
-    """Return the displacement (rad or m) of an object's joint between two clouds. The type and the axis of the joint
-    are taken from the estimate ``before``.
+    before: ObjectEstimate,
+    old: Points,
+    after: ObjectEstimate,
+    new: Points,
+    *,
+    goal: int = 0,
+    is_expected: bool = True,
+) -> Displacement | None:
+    """Return the displacement of an object's joint between two clouds. The type and the axis of the joint are taken
+    from the estimate ``before``.
 
     The function searches for the displacement at which the two clouds match best. It compares the clouds in both
     directions. First, the moving part's points in the old cloud are moved forwards along the joint and compared with
@@ -73,6 +118,8 @@ def displacement(
     Args:
         before, after: estimates of the object.
         old, new: (N, 3) point clouds of the estimates in the base frame, m.
+        goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0. The opposite
+            direction counts only if the clouds match clearly better.
         is_expected: whether the motion should have moved the joint. If it should not, only a displacement that explains
             most of the change counts, and a displacement of the keypoint alone does not count.
 
@@ -85,14 +132,15 @@ def displacement(
     changed = [each[tree.query(each)[0] > CHANGED] for each, tree in zip(points, trees, strict=True)]
     found = None
     for moving, gain in ((estimated, LEAST_GAIN), (changed, LEAST_GAIN_OF_CHANGES)):
+        moving = [each[uniform_stride(len(each), MOST_COMPARED)] for each in moving]
         if min(map(len, moving)) >= LEAST_MOVING:
-            found = _fitted(before.joint, moving, trees, gain if is_expected else UNEXPECTED_GAIN)
-            if found:
+            found = _fitted(before.joint, moving, trees, gain if is_expected else UNEXPECTED_GAIN, goal)
+            if found.value:
                 return found
     if not is_expected:
         return found
     shift = _keypoint_shift(before, after)
-    return shift if abs(shift) >= LEAST_SHIFT[before.joint.type] else found
+    return Displacement(shift, estimated[0][:0]) if abs(shift) >= LEAST_SHIFT[before.joint.type] else found
 
 
 def _keypoint_shift(before: ObjectEstimate, after: ObjectEstimate) -> float:
@@ -108,7 +156,9 @@ def _keypoint_shift(before: ObjectEstimate, after: ObjectEstimate) -> float:
     return float(np.arctan2(np.cross(old, new) @ joint.axis, old @ new - (old @ joint.axis) * (new @ joint.axis)))
 
 
-def _fitted(joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTree], gain: float) -> float:
+def _fitted(
+    joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTree], gain: float, goal: int
+) -> Displacement:
     """Return the displacement with the smallest mean distance between moving points (2 clouds, each (N, 3)) and the
     other cloud; 0 if this displacement reduces the distance by less than the fraction ``gain``.
     """
@@ -118,14 +168,18 @@ def _fitted(joint: JointEstimate, moving: Sequence[Array], trees: Sequence[cKDTr
         for points, tree, sign in zip(moving, trees, (1.0, -1.0), strict=True):
             T = joint_motion(joint.type, joint.axis, sign * value, joint.origin)
             found.append(np.minimum(tree.query(points @ T[:3, :3].T + T[:3, 3])[0], FAR).mean())
-        return float(np.mean(found))
+        return float(np.mean(found)) + (AGAINST if value * goal < 0 else 0.0)
 
-    span = joint.upper - joint.lower
-    coarse = np.linspace(-span, span, GRID)
+    # The joint stays in its range.
+    doubt = WITHIN * joint.openness_deviation
+    low, high = -min(joint.openness + doubt, 1.0), min(1.0 - joint.openness + doubt, 1.0)
+    coarse = (joint.upper - joint.lower) * np.linspace(low, high, GRID)
     best = min(coarse, key=distance)
     step = coarse[1] - coarse[0]
     best = float(min(np.linspace(best - step, best + step, FINE), key=distance))
-    return best if distance(best) < (1.0 - gain) * distance(0.0) else 0.0
+    found = best if distance(best) < (1.0 - gain) * distance(0.0) else 0.0
+    T = joint_motion(joint.type, joint.axis, found, joint.origin)
+    return Displacement(found, moving[0] @ T[:3, :3].T + T[:3, 3], distance)
 
 
 @dataclass(frozen=True)
@@ -160,11 +214,13 @@ class Track:
         """
         return at_points(self.found, self.cloud) if self.misses % 2 else self.found
 
-    def displacement(self, found: ObjectEstimate, cloud: Points, *, is_expected: bool = True) -> float | None:
-        """Return the displacement (rad or m) of the joint between the last cloud and a new cloud, as the function
+    def displacement(
+        self, found: ObjectEstimate, cloud: Points, goal: int, *, is_expected: bool = True
+    ) -> Displacement | None:
+        """Return the displacement of the joint between the last cloud and a new cloud, as the function
         :func:`displacement` does.
         """
-        return displacement(self.latest or self.found, self.cloud, found, cloud, is_expected=is_expected)
+        return displacement(self.latest or self.found, self.cloud, found, cloud, goal=goal, is_expected=is_expected)
 
     def after(
         self,
@@ -174,6 +230,7 @@ class Track:
         goal: int,
         *,
         is_expected: bool = True,
+        is_pressed: bool = False,
     ) -> Track:
         """Return the track after a motion.
 
@@ -191,12 +248,21 @@ class Track:
             cloud, others: cloud of this estimate, and points on other bodies.
             goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0.
             is_expected: whether the motion should have moved the joint, as for :func:`displacement`.
+            is_pressed: whether the object has blocked the arm in the motion.
         """
-        change = self.displacement(found, cloud, is_expected=is_expected)
-        if change is None:
+        measured = self.displacement(found, cloud, goal, is_expected=is_expected)
+        if measured is None:
             return Track(found, cloud, others, self.moved, misses=self.misses)
+        change, span = measured.value, self.found.joint.upper - self.found.joint.lower
+        displaced = self._displaced(measured, found, cloud)
+        implied = (found.joint.openness - self.found.joint.openness) * span
+        is_wrong = (
+            displaced.joint.openness_deviation <= found.joint.openness_deviation
+            and abs(displaced.joint.openness - found.joint.openness) > REFUTED
+            and measured.contradicts(implied)
+        )
+        found = displaced if is_wrong else found
         latest, found = found, self._with_keypoints(found, change)
-        span = self.found.joint.upper - self.found.joint.lower
         moved = self.moved + change
         kind = self.found.joint.type
         is_still = abs(change) < STALLED[kind]
@@ -212,12 +278,40 @@ class Track:
         # Two clouds of an object that has not moved lead to the same error, so their mean is not more accurate.
         least = min(old.openness_deviation, new.openness_deviation)
         deviation = least if is_still else float(shares.sum() ** -0.5)
-        if goal and goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]:
-            end = 0.5 + 0.5 * goal
+        if is_wrong:
+            openness, deviation = new.openness, new.openness_deviation
+        end = 0.5 + 0.5 * goal
+        has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
+        if goal and (has_ended or (is_pressed and goal * change >= MOVED[kind])):
             most = MOST_DEVIATIONS * new.openness_deviation
-            if abs(new.openness - end) <= (max(most, REPEATED) if self.misses else most):
+            if not is_pressed and not self.misses:
+                # The hand may also have missed the moving part.
+                most = min(most, NEAR_END)
+            is_certain = is_pressed and has_ended and self.misses > 0
+            if is_certain or abs(new.openness - end) <= (max(most, REPEATED) if self.misses else most):
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
+
+    def _displaced(self, measured: Displacement, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
+        """Return the old estimate after a measured displacement of the joint. The new estimate ``found`` only
+        determines which points of the new cloud belong to the object.
+        """
+        before, joint, change = self.found, self.found.joint, measured.value
+        span = joint.upper - joint.lower
+        T = joint_motion(joint.type, joint.axis, change, joint.origin)
+        keypoints = {
+            name: T[:3, :3] @ at + T[:3, 3] if name in before.moving_keypoints else at
+            for name, at in before.keypoints.items()
+        }
+        reached = joint.openness + change / span
+        openness = float(np.clip(reached, 0.0, 1.0))
+        deviation = float(np.hypot(joint.openness_deviation, ABSOLUTE + RELATIVE * abs(change) / span))
+        if joint.type == "revolute":
+            # A displacement beyond the end of the range makes it more certain that the joint is at the end. The
+            # estimated range of a sliding part is too uncertain for this.
+            deviation = max(deviation - abs(reached - openness), ABSOLUTE)
+        moving = cKDTree(measured.moved).query(cloud[found.points])[0] < CHANGED
+        return replace(before, points=found.points, moving=moving, keypoints=keypoints).at(openness, deviation)
 
     def _with_keypoints(self, found: ObjectEstimate, change: float) -> ObjectEstimate:
         """Return a new estimate in which the old keypoints, after a displacement (m) of the joint, replace keypoints
