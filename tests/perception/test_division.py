@@ -126,7 +126,7 @@ def test_two_articulated_objects_are_estimated_apart() -> None:
             assert np.linalg.norm(found.keypoints[each][key] - at) < 0.05
     assert list(goal.scene(q).objects) == ["laptop", "box"]
     # Each step judges the joint of its own object.
-    goal.begin_step(task.steps[1].done)
+    goal.begin_step(task.steps[1].done, q)
     assert [each.goal for each in goal.articulated.values()] == [0, -1]
     assert goal.is_displaced(q)
 

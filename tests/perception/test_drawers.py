@@ -1,4 +1,4 @@
-"""Drawers in point clouds: keypoints, floor, displacements, and the objects in a drawer."""
+"""Drawers and cabinets in point clouds: keypoints, floor, displacements, and the objects in a drawer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.estimator import in_open_drawer
+from gensim2.perception.estimation.estimator import IN_CABINET, in_cabinet, in_open_drawer
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
@@ -47,22 +47,44 @@ def apple_at(position: Array) -> RigidEstimate:
 
 
 @pytest.mark.parametrize(("openness", "is_moved"), [(0.8, True), (0.0, False)])
-def test_the_keypoint_in_an_open_drawer_lies_between_its_sides(openness: float, is_moved: bool) -> None:
+def test_the_keypoint_in_an_open_drawer_follows_from_its_sides_and_its_front(openness: float, is_moved: bool) -> None:
     look = look_at("drawer", openness)
     found = truth(look)
     across = np.array([-found.joint.axis[1], found.joint.axis[0], 0.0])
-    wrong = {HEAD: found.keypoints[HEAD] + 0.02 * across, INSIDE: found.keypoints[INSIDE] + 0.06 * across}
+    by = 0.06 * across - 0.05 * found.joint.axis
+    wrong = {HEAD: found.keypoints[HEAD] + 0.02 * across, INSIDE: found.keypoints[INSIDE] + by}
     again = in_open_drawer(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
     off = again[INSIDE] - found.keypoints[INSIDE]
     assert off @ across == pytest.approx(0.0 if is_moved else 0.06, abs=0.008)
     assert off[2] == pytest.approx(0.0, abs=0.015)
-    # Along the joint it is halfway to the middle of the part that is pulled out.
-    assert (0.005 < off @ found.joint.axis < 0.05) == is_moved
+    assert off @ found.joint.axis == pytest.approx(0.0 if is_moved else -0.05, abs=0.02)
     # The handle need not be in the middle, but it is between the sides.
     assert np.array_equal(again[HEAD], wrong[HEAD])
     wrong[HEAD] = found.keypoints[HEAD] + 0.3 * across
     again = in_open_drawer(wrong, look.cloud.xyz[found.points[found.moving]], found.joint)
     assert np.linalg.norm(again[HEAD] - found.keypoints[HEAD]) == pytest.approx(0.0 if is_moved else 0.3, abs=0.008)
+
+
+@pytest.mark.parametrize("asset_class", ["refrigerator", "safe_rotate", "microwave"])
+def test_the_keypoint_in_a_cabinet_follows_from_its_door(asset_class: str) -> None:
+    look = look_at(asset_class, 0.9)
+    found = truth(look, asset_class)
+    inwards, across = np.array([np.cos(0.3), np.sin(0.3), 0.0]), np.array([-np.sin(0.3), np.cos(0.3), 0.0])
+    wrong = {**found.keypoints, IN_CABINET: found.keypoints[IN_CABINET] + 0.07 * inwards + 0.03 * across}
+    for door, aside in ((look.cloud.xyz[found.points[found.moving]], 0.015), (look.cloud.xyz[:0], 0.03)):
+        again = in_cabinet(wrong, door, found.joint, inwards)
+        off = again[IN_CABINET] - found.keypoints[IN_CABINET]
+        assert off @ inwards == pytest.approx(0.0, abs=0.015)
+        assert off @ across == pytest.approx(aside, abs=0.01)
+        assert off[2] == 0.0
+        assert np.array_equal(again[HEAD], wrong[HEAD])
+
+
+def test_the_keypoint_in_a_box_with_a_lid_is_not_changed() -> None:
+    look = look_at("box_rotate", 0.9)
+    found = truth(look)
+    again = in_cabinet(found.keypoints, look.cloud.xyz[found.points[found.moving]], found.joint, np.eye(3)[0])
+    assert again == found.keypoints
 
 
 def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:

@@ -781,7 +781,7 @@ def test_a_step_is_done_only_beyond_the_doubt_of_the_estimate(trained: Path) -> 
         [openness] = goal.measurement(np.array(PANDA.reset_qpos)).openness.values()
         assert openness == pytest.approx(0.15 + sign * DISTRUST * 0.1)
         # The misses of a step do not count in the next step.
-        goal.begin_step(())
+        goal.begin_step((), np.array(PANDA.reset_qpos))
         assert box.track.misses == 0
 
 

@@ -251,6 +251,23 @@ def test_criteria_of_rigid_objects_are_judged_by_estimates() -> None:
         assert lifted.holds(measured) == (height > 0)
         assert ("apple" in measured.contents.get("box", ())) == is_inside
     assert not goal.is_displaced(q)
+    # The apple stays at its goal although the next estimate has the goal elsewhere.
+    box, track = goal.articulated["box"], goal.articulated["box"].track
+    assert track is not None
+    off = {name: at + np.array([0.2, 0.0, 0.0]) for name, at in track.found.keypoints.items()}
+    shifted = replace(track, found=replace(track.found, keypoints=off))
+    box.track = shifted
+    assert goal.is_displaced(q)
+    assert not goal.is_reached(q)
+    box.track = track
+    goal.begin_step((), q)
+    box.track = shifted
+    assert not goal.is_displaced(q)
+    assert goal.is_reached(q)
+    # A cloud that shows the apple on the table shows that it has left its goal.
+    goal.begin_motion()
+    goal.take_in(env.observe(ObservationSpec(cloud=DENSE)).cloud.xyz)
+    assert goal.is_displaced(q)
 
 
 def test_an_object_is_put_into_a_box_on_an_estimated_scene() -> None:

@@ -349,12 +349,12 @@ class PerceivingChain:
             assert self._last is not None
             self._checks_goal = False
             q = observation.joint_positions.astype(np.float64)
-            if self._goal.is_reached(q, distrust=0.0, besides=self._chain.left):
+            if self._goal.is_reached(q, distrust=0.0):
                 return None
-            self._chain.resume(self._last, from_start=self._goal.is_displaced(q, besides=self._chain.left))
+            self._chain.resume(self._last, from_start=self._goal.is_displaced(q))
         action = self._chain.act(self._with_belief(observation))
         if self._step is not self._chain.step:
-            self._begin_step()
+            self._begin_step(observation)
         if self._chain.motions > self._goal.motions:
             self._goal.begin_motion()
         if action is None and self._chain.is_finished and self._last is not None:
@@ -370,12 +370,14 @@ class PerceivingChain:
         self._take_in(observation)
         if self._goal.is_seen:
             self._chain.reset(self._with_belief(observation), self._seed)
-            self._begin_step()
+            self._begin_step(observation)
 
-    def _begin_step(self) -> None:
+    def _begin_step(self, observation: Observation) -> None:
         self._step = self._chain.step
         if len(self._task.steps) > 1:
-            self._goal.begin_step(self._step.done)
+            q = observation.joint_positions.astype(np.float64)
+            self._goal.begin_step(self._step.done, q, self._chain.left)
+            self._chain.left.clear()
 
     def _take_in(self, observation: Observation) -> None:
         """Estimate the scene from an observation. If the first cloud does not show the task's object, record an event

@@ -64,8 +64,10 @@ EDGES = (0.05, 0.95)
 """Quantiles of the points that count as the left and the right edge of a sliding part."""
 FRONT = 0.9
 """Quantile of the points along the joint that counts as the front of a sliding part, in spite of its handle."""
-PULLED_OUT = 0.25
-"""Weight of the middle of the part that is pulled out in the keypoint inside a drawer."""
+IN_CABINET, REACH = "articulated_object_inside_base", 0.11
+"""Name of the keypoint inside a cabinet with a door, and its mean distance (m) from the front of generated cabinets."""
+FAR_EDGE = 0.95
+"""Quantile of the distances of a door's points from its axis that counts as the door's width."""
 INSIDE_HEIGHT, MOST_RAISED = 0.4, 0.06
 """Height of the keypoint inside a drawer as a fraction of the height of its sides, and maximum correction (m)."""
 MOST_TURNED = 0.6
@@ -311,6 +313,8 @@ class SceneEstimator:
         keypoints = dict(zip(kind.keypoints, found["places"][1:], strict=False))
         if self.refine and kind.joint_type == "prismatic" and len(kind.keypoints) > 1 and kind.moving[-1]:
             keypoints = in_open_drawer(keypoints, xyz[rows[moving]], joint)
+        if self.refine and kind.joint_type == "revolute" and IN_CABINET in keypoints:
+            keypoints = in_cabinet(keypoints, xyz[rows[moving]], joint, to_base @ turn[:, 0])
         T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
         T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
         T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
@@ -338,11 +342,10 @@ def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointE
     """Return the keypoints of a drawer, corrected by the points of the open drawer. Return them unchanged if the joint
     is not horizontal, if the drawer is hardly open, or if it has too few points.
 
-    The last keypoint, which is inside the drawer, is moved sideways to the middle between the sides, and to a fixed
-    fraction of the height of the sides if it is less than ``MOST_RAISED`` away from there. Along the joint, it becomes
-    the weighted mean of two points: the estimated one, which in generated drawers is the middle of the whole drawer,
-    and the middle of the part that is pulled out, which is the keypoint of most real drawers. Other keypoints, such as
-    the handle, are moved sideways to the middle only if they are not between the sides.
+    The last keypoint, which is inside the drawer, is moved to the middle between the sides, half of the joint range
+    behind the front, and to a fixed fraction of the height of the sides if it is less than ``MOST_RAISED`` away from
+    there. This is the middle of the part that is pulled out when the drawer is open. Other keypoints, such as the
+    handle, are moved sideways to the middle only if they are not between the sides.
 
     The half of the points that lies farthest in the direction of opening shows the front and both sides. The other half
     often contains points of the cabinet.
@@ -370,8 +373,35 @@ def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointE
             raised = bottom + INSIDE_HEIGHT * (top - bottom) - at[2]
             if abs(raised) < MOST_RAISED:
                 found[name] = found[name] + np.array([0.0, 0.0, raised])
-            found[name] = found[name] + PULLED_OUT * (front - 0.5 * joint.value - at @ joint.axis) * joint.axis
+            found[name] = found[name] + (front - 0.5 * joint.upper - at @ joint.axis) * joint.axis
     return found
+
+
+def in_cabinet(keypoints: Mapping[str, Array], door: Points, joint: JointEstimate, inwards: Array) -> dict[str, Array]:
+    """Return the keypoints of a cabinet with a door. The keypoint inside the cabinet is corrected by the door. Return
+    the keypoints unchanged if the joint axis is not vertical.
+
+    The network places the keypoint in the middle of the cabinet, but the hand does not reach the middle of a deep
+    cabinet. The corrected keypoint is ``REACH`` behind the joint axis, which lies in the front of the cabinet.
+    Sideways, it is the mean of the estimated point and the middle of the door when the door is closed.
+
+    Args:
+        keypoints: estimated keypoints (3,) by name, in a frame with a vertical z axis, m.
+        door: (M, 3) points of the door in this frame, m.
+        joint: estimated joint in this frame.
+        inwards: (3,) horizontal unit vector from the front of the cabinet to its back, in this frame.
+    """
+    if abs(joint.axis[2]) < 1.0 - LEVEL:
+        return dict(keypoints)
+    at = keypoints[IN_CABINET]
+    across = np.array([-inwards[1], inwards[0], 0.0])
+    away = at - joint.origin
+    by = (REACH - away @ inwards) * inwards
+    if len(door) >= LEAST_POINTS:
+        width = float(np.quantile(np.linalg.norm((door - joint.origin)[:, :2], axis=1), FAR_EDGE))
+        beside = float(away @ across)
+        by = by + 0.5 * (np.copysign(0.5 * width, beside) - beside) * across
+    return {**keypoints, IN_CABINET: at + by}
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:

@@ -13,7 +13,7 @@ from gensim2.perception.estimation.articulated_tracking import ArticulatedTracke
 from gensim2.perception.estimation.division import NOTHING, Labels, first_division, next_division
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
 from gensim2.perception.estimation.examples import SETTINGS
-from gensim2.perception.estimation.rigid import clusters, shape_of
+from gensim2.perception.estimation.rigid import RigidEstimate, clusters, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import planning_scene
 from gensim2.planning.scene import Scene
@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
 """Settings of the point clouds. They contain nearly all pixels, because a small object or a thin moving part may cover
 only a dozen pixels."""
+LEFT = 0.03
+"""Minimum displacement (m) of a rigid object that has left its goal."""
 DISTRUST = 2.0
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
 the number of motions of the step. The latest motions do not count if they have not moved the joint."""
@@ -82,6 +84,8 @@ class GoalTracker:
         self.motions = 0
         self.mismatch: dict[str, Any] | None = None
         self.rigid.reset()
+        # Names of rigid objects that were at their goal when a step began, and that have not left it since.
+        self._placed: set[str] = set()
         for each in self.articulated.values():
             each.reset(self._success)
         self._first_motion = 0
@@ -89,10 +93,23 @@ class GoalTracker:
         self._bodies: list[Points] = [_NO_POINTS] * len(self.articulated)
         self._others: Points = _NO_POINTS
 
-    def begin_step(self, done: Sequence[Criterion]) -> None:
-        """Start a step of the task with the criteria ``done``: the displacements of the joints and the safety margin
-        are from now on those of the motions of this step.
+    def begin_step(self, done: Sequence[Criterion], q: Array, left: Collection[str] = ()) -> None:
+        """Start a step of the task: the displacements of the joints and the safety margin are from now on those of the
+        motions of this step.
+
+        A rigid object that is now at its goal counts as being there until a cloud shows it elsewhere, or until the hand
+        grasps it. The estimate of its goal may change in the following steps, but it does not become better.
+
+        Args:
+            done: success criteria of the step.
+            q: (n,) joint values of the robot.
+            left: names of rigid objects that count as being at their goal.
         """
+        measured = self.measurement(q, 0.0)
+        for name in self.rigid.shapes.keys() - {self.rigid.held}:
+            asked = tuple(each for each in self._success if name in each.objects)
+            if name in left or (asked and all_hold(asked, measured)):
+                self._placed.add(name)
         self._first_motion = self.motions
         for each in self.articulated.values():
             each.begin_step(done)
@@ -109,6 +126,7 @@ class GoalTracker:
             # The hand has taken the object out of the moving part.
             for each in self.articulated.values():
                 each.carried.pop(name, None)
+            self._placed.discard(name)
         self.rigid.hold(name, T_world_object)
 
     def take_in(self, cloud: Points, *, is_pressed: bool = False) -> None:
@@ -178,7 +196,9 @@ class GoalTracker:
         T = self.estimator.profile.T_world_base
         points = cloud @ T[:3, :3].T + T[:3, 3]
         carried = {name for each in self.articulated.values() for name in each.carried}
+        before = dict(self.rigid.found)
         own = self.rigid.take_in(points, of_articulated, carried, floors, shut=shut)
+        self._placed -= {name for name in self._placed - carried if self._has_left(name, before[name])}
         for each in self.articulated.values():
             each.carried = {name: found for name, found in each.carried.items() if self.rigid.is_hidden(name)}
         if not self.looks and self.rigid.missing:
@@ -186,29 +206,32 @@ class GoalTracker:
             self.mismatch = {"object": name, "class": self._objects[name]}
         return own
 
-    def is_reached(self, q: Array, distrust: float = DISTRUST, besides: Collection[str] = ()) -> bool:
+    def _has_left(self, name: str, before: RigidEstimate) -> bool:
+        """Return whether the latest cloud shows a rigid object more than ``LEFT`` away from its estimate ``before``."""
+        away = np.linalg.norm(self.rigid.found[name].center - before.center)
+        return not self.rigid.is_hidden(name) and bool(away > LEFT)
+
+    def is_reached(self, q: Array, distrust: float = DISTRUST) -> bool:
         """Return whether the latest estimate meets the success criteria.
 
         Args:
             q: (n,) joint values of the robot.
             distrust: safety margin, as for :meth:`measurement`.
-            besides: names of rigid objects whose criteria do not count.
         """
-        asked = tuple(each for each in self._success if set(besides).isdisjoint(each.objects))
+        asked = tuple(each for each in self._success if self._placed.isdisjoint(each.objects))
         return all_hold(asked, self.measurement(q, distrust))
 
-    def is_displaced(self, q: Array, besides: Collection[str] = ()) -> bool:
+    def is_displaced(self, q: Array) -> bool:
         """Return whether an object is not at its goal although the current step does not move its joint. This concerns
         rigid objects, and articulated objects of earlier steps.
 
         Args:
             q: (n,) joint values of the robot.
-            besides: names of rigid objects whose criteria do not count.
         """
         measured = self.measurement(q, 0.0)
         moved = {name for name, each in self.articulated.items() if each.moves_joint}
         return any(
-            not set(each.objects) <= moved and set(besides).isdisjoint(each.objects) and not each.holds(measured)
+            not set(each.objects) <= moved and self._placed.isdisjoint(each.objects) and not each.holds(measured)
             for each in self._success
         )
 

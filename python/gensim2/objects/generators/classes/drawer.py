@@ -20,9 +20,18 @@ def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Sol
     return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
-def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np.ndarray, stroke: float) -> Blueprint:
-    """Return the blueprint of a drawer that slides to the front by ``stroke`` (m). The hand pulls the drawer at the
-    point ``head``.
+def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, middle: np.ndarray, stroke: float) -> Blueprint:
+    """Return the blueprint of a drawer that slides to the front by ``stroke`` (m).
+
+    Objects are put into the middle of the part that is pulled out when the drawer is open, as in real drawers. The hand
+    cannot reach the part behind it.
+
+    Args:
+        body: fixed parts.
+        drawer: parts that slide.
+        head: point at which the hand pulls the drawer.
+        middle: middle of the drawer's box in the plane of the cabinet's front.
+        stroke: distance by which the drawer slides, m.
     """
     return c.sliding(
         body,
@@ -30,7 +39,7 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, inside: np
         (0, 0, 1),
         (0.0, stroke),
         head=(head, "the middle of the drawer's handle"),
-        inside=(inside, "the point inside the drawer to put an object"),
+        inside=(middle - np.array([0, 0, stroke / 2]), "the point inside the drawer to put an object"),
     )
 
 
@@ -93,7 +102,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
     bay = (inner - (bays - 1) * WALL) / bays
     face = depth / 2 + (0.0 if flush else FRONT)
     drawer: list[Solid] = []
-    head = inside = np.zeros(3)
+    head = middle = np.zeros(3)
     long = depth - WALL - 2 * GAP
     for number in range(bays):
         x = -inner / 2 + bay / 2 + number * (bay + WALL)
@@ -102,7 +111,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
         if empty[number] and number != slides:
             continue
         front = box((x, y, face - FRONT / 2), (bay - 2 * GAP, row - 2 * GAP, FRONT), front_look)
-        handle, middle = small_handle(np.random.default_rng(handles), np.array([x, y, face]), bay)
+        handle, grip = small_handle(np.random.default_rng(handles), np.array([x, y, face]), bay)
         if number != slides:
             body += [front, *handle]
             continue
@@ -112,8 +121,8 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
             *handle,
             *tray(center, (bay - 0.014, row - 0.016, long - FRONT), 0.006, c.WOODS[1], "+y"),
         ]
-        head, inside = middle, np.array([x, y - 0.004, face - long / 2])
-    return sliding(body, drawer, head, inside, min(stroke, long - 0.03))
+        head, middle = grip, np.array([x, y - 0.004, depth / 2])
+    return sliding(body, drawer, head, middle, min(stroke, long - 0.03))
 
 
 def _below(
@@ -182,7 +191,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         body.append(box((0, y, wall / 2), (width - 2 * wall, shelf, depth - wall), wood))
 
     drawer: list[Solid] = []
-    head = inside = np.zeros(3)
+    head = middle = np.zeros(3)
     inner_w, inner_d = width - 2 * wall - 2 * GAP, depth - wall - 2 * GAP
     handle_seed = rng.bit_generator.random_raw()
     for row in range(rows):
@@ -200,11 +209,11 @@ def build(rng: np.random.Generator) -> Blueprint:
             center = (0, y - 0.005, depth / 2 - inner_d / 2)
             drawer = [front, *handle, *tray(center, (inner_w, box_height, inner_d), 0.006, c.WOODS[1], "+y")]
             head = at + np.array([0, 0, reach])
-            inside = np.array([0, y - 0.005, depth / 2 - inner_d / 2])
+            middle = np.array([0, y - 0.005, depth / 2])
         else:
             body += [front, *handle]
             body.append(box((0, y, wall / 2 + 0.001), (inner_w, row_height - 2 * GAP, inner_d), c.WOODS[1], 0.0))
-    return sliding(body, drawer, head, inside, min(stroke, inner_d - 0.03))
+    return sliding(body, drawer, head, middle, min(stroke, inner_d - 0.03))
 
 
 def table(rng: np.random.Generator) -> Blueprint:
@@ -254,9 +263,7 @@ def table(rng: np.random.Generator) -> Blueprint:
     ]
     at = np.array([aside, y, face])
     handles, head = small_handle(rng, at, front)
-    return sliding(
-        body, [*slides, *handles], head, np.array([aside, y - 0.004, face - inner / 2]), min(stroke, inner - 0.03)
-    )
+    return sliding(body, [*slides, *handles], head, np.array([aside, y - 0.004, depth / 2]), min(stroke, inner - 0.03))
 
 
 OBJECT_CLASS = ObjectClass("drawer", 20, "prismatic", build, (table, sideboard))

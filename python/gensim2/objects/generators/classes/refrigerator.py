@@ -13,6 +13,12 @@ GAP = 0.0015
 SHELF = 0.66
 """Height of the shelf as a fraction of the compartment's height; the hand can put 8 cm tall objects below the shelf."""
 
+REACH = 0.11
+"""Distance (m) from the front of a refrigerator to the point at which objects are put into it. The hand reaches only so
+far, so the depth of the refrigerator does not matter. Real refrigerators have this point 8 cm behind their front, but a
+box that is put down there can fall out.
+"""
+
 
 def _food(
     rng: np.random.Generator, inner: float, depth: float, bottom: float, split: float, wall: float
@@ -85,7 +91,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         shape += c.bar_handle(at, length, "y", reach, 0.006, metal)
     else:
         shape += c.flat_handle(at, length, "y", reach, 0.013, metal)
-    return _with_door(body, shape, (left, 0, z), at, (0, bottom + wall + 0.10, 0))
+    return _with_door(body, shape, (left, 0, z), at, (0, bottom + wall + 0.10, front - REACH))
 
 
 def tall(rng: np.random.Generator) -> Blueprint:
@@ -121,7 +127,7 @@ def tall(rng: np.random.Generator) -> Blueprint:
         shape += c.bar_handle(at, tall_share * high, "y", reach, thick, metal)
     else:
         shape += c.flat_handle(at, tall_share * high, "y", reach, 2 * thick, metal)
-    return _with_door(body, shape, (left, 0, z), at, (middle, bottom + wall + 0.10, 0))
+    return _with_door(body, shape, (left, 0, z), at, (middle, bottom + wall + 0.10, front - REACH))
 
 
 OBJECT_CLASS = ObjectClass("refrigerator", 2, "revolute", build, (tall,))
