@@ -620,7 +620,7 @@ def test_an_object_that_is_not_there_is_not_acted_on(trained: Path) -> None:
     assert (record.name, record.plans) == (event.step, [])
 
 
-@pytest.mark.parametrize(("odds", "is_refused"), [(0.1, False), (50.0, False), (200.0, True)])
+@pytest.mark.parametrize(("odds", "is_refused"), [(0.1, False), (100.0, False), (400.0, True)])
 def test_an_object_of_another_class_is_refused(
     trained: Path, monkeypatch: pytest.MonkeyPatch, odds: float, is_refused: bool
 ) -> None:

@@ -29,8 +29,8 @@ LEAST_HEIGHT = 0.03
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 DEVIATIONS = 2.0
-"""Extension of the limits of a revolute joint in standard deviations of the joint value, if this is more than
-``BEYOND``. The limits of a sliding part are not extended further, because a pull beyond the end moves the object.
+"""Extension of the limits in standard deviations of the joint value, if this is more than ``BEYOND``. The upper limit
+of a sliding part is not extended further, because a pull beyond the end moves the object.
 """
 
 _TABLE_HULLS = (corners(),)
@@ -75,8 +75,7 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint, beyond = found.joint, BEYOND[found.joint.type]
-    if joint.type == "revolute":
-        beyond = max(beyond, DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower))
+    doubt = DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower)
     return SceneObject(
         name=name,
         bodies=tuple(bodies),
@@ -87,8 +86,8 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
             origin=joint.origin,
             axis=joint.axis,
             value=joint.value,
-            lower=joint.lower - beyond,
-            upper=joint.upper + beyond,
+            lower=joint.lower - max(beyond, doubt),
+            upper=joint.upper + (max(beyond, doubt) if joint.type == "revolute" else beyond),
             moves=tuple(body.name for body in bodies if body.name.endswith("/moving")),
         ),
         object_axis=found.object_axis,

@@ -23,8 +23,6 @@ CHANGED = 0.015
 """Minimum distance (m) of a point from the other cloud if the point has no counterpart there."""
 FAR = 0.02
 """Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
-AGAINST = 0.004
-"""Distance (m) that is added to the mean distance for a displacement away from the goal."""
 NOTHING_THERE, MUCH_NEARER = 0.014, 0.8
 """An openness in a new estimate is discarded if the moving part's points would have at least this mean distance (m)
 from the other cloud, and if the measured displacement reduces the distance to this fraction."""
@@ -36,6 +34,9 @@ LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 """Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
 part, and of the points without a counterpart.
 """
+LEAST_GAIN_AWAY = 0.3
+"""Minimum of this reduction by a displacement away from the goal of the motion. A thin part that no camera sees any
+more often seems to have moved to the opposite side."""
 UNEXPECTED_GAIN = 0.5
 """Minimum of this reduction after a motion that should not move the joint. The hand often hides a part of the object,
 and a displacement can then match the rest of the part with other surfaces.
@@ -62,10 +63,11 @@ that moves back by this displacement does not stand still.
 """
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
-MOST_DEVIATIONS, NEAR_END, REPEATED = 3.0, 0.15, 0.25
+MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.15, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end. After a motion without a displacement and without resistance, the openness may differ from the end by at
-most ``NEAR_END``. After two motions in a row without a displacement, it may differ by ``REPEATED``.
+at this end, and maximum difference of the openness. After a motion without a displacement and without resistance, the
+openness may differ from the end by at most ``NEAR_END``. With resistance, or after two such motions in a row, it may
+differ by ``REPEATED`` even if the estimate is more certain.
 """
 
 
@@ -119,7 +121,7 @@ def displacement(
         before, after: estimates of the object.
         old, new: (N, 3) point clouds of the estimates in the base frame, m.
         goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0. The opposite
-            direction counts only if the clouds match clearly better.
+            direction counts only if the clouds then match much better.
         is_expected: whether the motion should have moved the joint. If it should not, only a displacement that explains
             most of the change counts, and a displacement of the keypoint alone does not count.
 
@@ -140,7 +142,8 @@ def displacement(
     if not is_expected:
         return found
     shift = _keypoint_shift(before, after)
-    return Displacement(shift, estimated[0][:0]) if abs(shift) >= LEAST_SHIFT[before.joint.type] else found
+    counts = abs(shift) >= LEAST_SHIFT[before.joint.type] and shift * goal >= 0
+    return Displacement(shift, estimated[0][:0]) if counts else found
 
 
 def _keypoint_shift(before: ObjectEstimate, after: ObjectEstimate) -> float:
@@ -168,16 +171,26 @@ def _fitted(
         for points, tree, sign in zip(moving, trees, (1.0, -1.0), strict=True):
             T = joint_motion(joint.type, joint.axis, sign * value, joint.origin)
             found.append(np.minimum(tree.query(points @ T[:3, :3].T + T[:3, 3])[0], FAR).mean())
-        return float(np.mean(found)) + (AGAINST if value * goal < 0 else 0.0)
+        return float(np.mean(found))
 
+    span = joint.upper - joint.lower
     # The joint stays in its range.
     doubt = WITHIN * joint.openness_deviation
     low, high = -min(joint.openness + doubt, 1.0), min(1.0 - joint.openness + doubt, 1.0)
-    coarse = (joint.upper - joint.lower) * np.linspace(low, high, GRID)
-    best = min(coarse, key=distance)
+    coarse = span * np.linspace(low, high, GRID)
+    least = distance(0.0)
+
+    def best_of(values: Array, gain: float) -> float:
+        best = min(values, key=distance)
+        best = float(min(np.linspace(best - step, best + step, FINE), key=distance))
+        return best if distance(best) < (1.0 - gain) * least else 0.0
+
     step = coarse[1] - coarse[0]
-    best = float(min(np.linspace(best - step, best + step, FINE), key=distance))
-    found = best if distance(best) < (1.0 - gain) * distance(0.0) else 0.0
+    towards, away = coarse[coarse * goal >= 0], coarse[coarse * goal < 0]
+    found = best_of(towards, gain)
+    if len(away):
+        opposite = best_of(away, max(gain, LEAST_GAIN_AWAY))
+        found = min(found, opposite, key=distance) if opposite else found
     T = joint_motion(joint.type, joint.axis, found, joint.origin)
     return Displacement(found, moving[0] @ T[:3, :3].T + T[:3, 3], distance)
 
@@ -283,12 +296,14 @@ class Track:
         end = 0.5 + 0.5 * goal
         has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
         if goal and (has_ended or (is_pressed and goal * change >= MOVED[kind])):
-            most = MOST_DEVIATIONS * new.openness_deviation
-            if not is_pressed and not self.misses:
+            most = min(MOST_DEVIATIONS * new.openness_deviation, FAR_FROM_END)
+            if self.misses or (is_pressed and has_ended):
+                most = max(most, REPEATED)
+            elif not is_pressed:
                 # The hand may also have missed the moving part.
                 most = min(most, NEAR_END)
             is_certain = is_pressed and has_ended and self.misses > 0
-            if is_certain or abs(new.openness - end) <= (max(most, REPEATED) if self.misses else most):
+            if is_certain or abs(new.openness - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
 
