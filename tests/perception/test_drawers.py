@@ -146,9 +146,9 @@ def test_a_drawer_that_the_network_sees_open_is_not_closed_by_a_standstill() -> 
     begun = Track(first.at(0.9, 0.1), looks[0].cloud.xyz, NONE).after(
         truth(near).at(0.3, 0.1), near.cloud.xyz, NONE, -1
     )
-    for is_pressed in (False, True):
+    for is_pressed in (False, None, True):
         ended = begun.after(truth(near).at(0.3, 0.15), near.cloud.xyz, NONE, -1, is_pressed=is_pressed)
-        assert (ended.found.joint.openness == 0.0) == is_pressed
+        assert (ended.found.joint.openness == 0.0) == (is_pressed is not False)
     nearly = track.after(truth(near).at(0.2, 0.05), near.cloud.xyz, NONE, -1)
     assert nearly.found.joint.openness > 0.0
     again = nearly.after(truth(near).at(0.2, 0.05), near.cloud.xyz, NONE, -1)

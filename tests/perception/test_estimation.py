@@ -50,7 +50,7 @@ from gensim2.perception.estimation.measuring import calibrated, figures, measure
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.scene import boxes, planning_scene, raised, scene_object
-from gensim2.perception.estimation.tracking import LEAST_SHIFT, Track, displacement
+from gensim2.perception.estimation.tracking import LEAST_SHIFT, UNKNOWN, Track, displacement
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
 from gensim2.perception.noise import DEPLOYED
 from gensim2.perception.raycast.observer import Observer
@@ -749,6 +749,11 @@ def test_a_joint_that_resists_after_it_has_moved_is_at_the_end_of_its_range() ->
     track, unsure = Track(before.at(0.9, 0.2), looks[0].cloud.xyz, none), after.at(0.2, 0.2)
     assert track.after(unsure, looks[1].cloud.xyz, none, -1).found.joint.openness > 0.05
     assert track.after(unsure, looks[1].cloud.xyz, none, -1, is_pressed=True).found.joint.openness == 0.0
+    # An openness that the new cloud does not show is no evidence against the end.
+    vague = Track(before.at(0.9, 0.4), looks[0].cloud.xyz, none)
+    for deviation in (0.25, 0.45):
+        ended = vague.after(after.at(0.5, deviation), looks[1].cloud.xyz, none, -1, is_pressed=True).found.joint
+        assert (ended.openness == 0.0) == (deviation > UNKNOWN)
     # Resistance says nothing about the joint if nothing has moved.
     assert track.after(before, looks[0].cloud.xyz, none, -1, is_pressed=True).found.joint.openness > 0.7
 

@@ -26,7 +26,7 @@ from gensim2.perception.estimation.presence import why_absent
 from gensim2.perception.estimation.rigid import RigidEstimate
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import raised, scene_object
-from gensim2.perception.estimation.tracking import MOVED, STALLED, Track
+from gensim2.perception.estimation.tracking import MOVED, STALLED, UNKNOWN, Track
 from gensim2.planning.scene import SceneObject
 from gensim2.tasks.criteria import JOINT, ArticulatedClosed, ArticulatedOpen, Criterion
 
@@ -36,10 +36,6 @@ LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""
 SHUT = 0.2
 """Estimated openness of a part below which the cameras cannot see its contents."""
-UNKNOWN = 0.3
-"""Standard deviation of the openness above which the cloud does not show the openness, for example of an object that is
-pushed along the table. The joint then counts as being at the end of its range that is away from the goal, so that the
-hand pushes it over the whole range."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -138,14 +134,16 @@ class ArticulatedTracker:
         self.carry(None if measured is None else measured.value, rigid)
         return found.joint.openness < SHUT
 
-    def take_in(self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker, *, is_pressed: bool = False) -> None:
+    def take_in(
+        self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker, *, is_pressed: bool | None = None
+    ) -> None:
         """Update the estimate. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points that may show the object, without rigid objects of the task, base frame, m.
             seen: estimate of these points.
             rigid: tracker of the rigid objects. Objects in the moving part move with the joint.
-            is_pressed: whether the object has blocked the arm in the latest motion.
+            is_pressed: whether the object has blocked the arm in the latest motion; None: unknown.
         """
         found = seen.objects[0] if seen.objects else None
         if found is None or len(found.points) < LEAST_SEEN * self._seen_at_first:
@@ -153,6 +151,7 @@ class ArticulatedTracker:
             return
         self._seen_at_first = self._seen_at_first or len(found.points)
         if self._before is None and self.goal and found.joint.openness_deviation > UNKNOWN:
+            # The hand then moves the joint over its whole range.
             found = found.at(0.5 - 0.5 * self.goal, found.joint.openness_deviation)
         self.track = (
             Track(found, cloud, seen.others)

@@ -129,12 +129,12 @@ class GoalTracker:
             self._placed.discard(name)
         self.rigid.hold(name, T_world_object)
 
-    def take_in(self, cloud: Points, *, is_pressed: bool = False) -> None:
+    def take_in(self, cloud: Points, *, is_pressed: bool | None = None) -> None:
         """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points in the base frame, m, without points of the robot.
-            is_pressed: whether the object has blocked the arm in the latest motion.
+            is_pressed: whether the object has blocked the arm in the latest motion; None: unknown.
         """
         cloud = np.unique(cloud, axis=0)
         labels = self._divided(cloud)

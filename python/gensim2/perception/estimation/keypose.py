@@ -25,6 +25,9 @@ which an estimate without a safety margin ends the episode.
 CONTRADICTION = 3.0
 """Number of standard deviations by which the estimated joint must miss the goal to outweigh a network that is sure. The
 number is divided by the number of motions, without the latest motions that have not moved the joint."""
+MARGIN = 1.0
+"""Number of standard deviations by which the estimated joint must exceed the goal, divided in the same way, if the
+network says nothing."""
 
 
 class PerceivingKeyposeController(KeyposeController):
@@ -86,7 +89,7 @@ class PerceivingKeyposeController(KeyposeController):
             return tracker.is_reached(q, -CONTRADICTION)
         if self._is_done(done, LIKELY, LIKELIER):
             return tracker.is_reached(q, 0.0)
-        return followed.has_moved and tracker.is_reached(q)
+        return followed.has_moved and tracker.is_reached(q, MARGIN)
 
     def _tracker_of(self, goal: TaskGoal | None) -> GoalTracker | None:
         """Return a tracker for a task's goal; None if the estimator cannot judge the goal."""

@@ -54,6 +54,9 @@ AGREEING, AGREEING_SHARE = 0.25, 0.5
 measured displacement: a constant, or a fraction of the displacement if this is larger.
 """
 
+UNKNOWN = 0.3
+"""Standard deviation of the openness above which a cloud does not show the openness, for example of an object that is
+pushed along the table."""
 REFUTED = 0.15
 """Minimum difference of the openness in a new estimate from the openness after the measured displacement for the new
 estimate to be discarded."""
@@ -65,9 +68,9 @@ STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
 MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.15, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end, and maximum difference of the openness. After a motion without a displacement and without resistance, the
-openness may differ from the end by at most ``NEAR_END``. With resistance, or after two such motions in a row, it may
-differ by ``REPEATED`` even if the estimate is more certain.
+at this end, and maximum difference of an openness that the cloud shows. After a motion without a displacement and
+without resistance, the openness may differ from the end by at most ``NEAR_END``. With resistance, or after two such
+motions in a row, it may differ by ``REPEATED`` even if the estimate is more certain.
 """
 
 
@@ -243,7 +246,7 @@ class Track:
         goal: int,
         *,
         is_expected: bool = True,
-        is_pressed: bool = False,
+        is_pressed: bool | None = None,
     ) -> Track:
         """Return the track after a motion.
 
@@ -261,7 +264,7 @@ class Track:
             cloud, others: cloud of this estimate, and points on other bodies.
             goal: 1 if the motion should open the joint, -1 if it should close the joint, otherwise 0.
             is_expected: whether the motion should have moved the joint, as for :func:`displacement`.
-            is_pressed: whether the object has blocked the arm in the motion.
+            is_pressed: whether the object has blocked the arm in the motion; None: unknown.
         """
         measured = self.displacement(found, cloud, goal, is_expected=is_expected)
         if measured is None:
@@ -296,10 +299,12 @@ class Track:
         end = 0.5 + 0.5 * goal
         has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
         if goal and (has_ended or (is_pressed and goal * change >= MOVED[kind])):
-            most = min(MOST_DEVIATIONS * new.openness_deviation, FAR_FROM_END)
+            most = MOST_DEVIATIONS * new.openness_deviation
+            if new.openness_deviation <= UNKNOWN:
+                most = min(most, FAR_FROM_END)
             if self.misses or (is_pressed and has_ended):
                 most = max(most, REPEATED)
-            elif not is_pressed:
+            elif is_pressed is False:
                 # The hand may also have missed the moving part.
                 most = min(most, NEAR_END)
             is_certain = is_pressed and has_ended and self.misses > 0
