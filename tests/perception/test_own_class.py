@@ -118,13 +118,14 @@ def test_half_of_a_batch_shows_the_new_class_and_the_classifier_is_told(extended
     batch = Examples(arrays, [2]).batch(rng(0, "shares"), 300)
     shares = np.bincount(batch["class"].numpy()) / 300
     np.testing.assert_allclose(shares, [0.25, 0.25, 0.5], atol=0.08)
-    np.testing.assert_allclose(batch["log_prior"].exp(), [0.25, 0.25, 0.5], atol=1e-6)
-    # A classifier that knows nothing predicts the shares of the batch, and its loss is their cross entropy.
+    # A classifier that knows nothing prefers the new class by the square root of its share.
+    np.testing.assert_allclose(batch["log_prior"].exp(), np.sqrt([0.25, 0.25, 0.5]), atol=1e-6)
     network = SceneNetwork(3)
     for parameter in network.classify.parameters():
         torch.nn.init.zeros_(parameter)
     few = {name: each if name == "log_prior" else each[:8] for name, each in batch.items()}
-    chances, truth = np.array([0.25, 0.25, 0.5]), few["class"].numpy()
+    chances, truth = np.sqrt([0.25, 0.25, 0.5]), few["class"].numpy()
+    chances /= chances.sum()
     smoothed = 0.95 * -np.log(chances[truth]).mean() + 0.05 * -np.log(chances).mean()
     assert losses(network, few)["class"].item() == pytest.approx(smoothed, rel=1e-5)
 

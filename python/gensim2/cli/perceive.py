@@ -71,6 +71,7 @@ def train(
     steps: Count = 4000,
     batch: Count = 24,
     start: Annotated[str | None, Option("--from", "DIR|builtin")] = None,
+    stand_ins: Annotated[tuple[str, ...], Option("--stand-in", "CLASS")] = (),
     robot: str,
     progress: Progress,
     **given: Any,
@@ -94,6 +95,8 @@ def train(
         batch: Number of point clouds in a step.
         start: Continue training from the weights of this estimator. The trained estimator knows the classes of this
             estimator and the classes of --class.
+        stand_ins: Class whose estimates are used for objects of classes that the estimator does not know; can be
+            repeated. The class must be one of the estimator's classes.  [default: those of --from]
     """
     from gensim2.perception.estimation.training import train_estimator
 
@@ -109,6 +112,7 @@ def train(
         steps=steps,
         batch=batch,
         start=start,
+        stand_ins=stand_ins,
         progress=progress,
         **given,
     )

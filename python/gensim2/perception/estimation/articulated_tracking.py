@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.types import joint_motion
 from gensim2.perception.cloud import farthest_points, inlier_mask, uniform_stride
 from gensim2.perception.estimation.classes import by_name
@@ -49,11 +50,12 @@ class ArticulatedTracker:
 
     Args:
         name: name of the object in the task.
-        asset_class: class of the object.
+        asset_class: class of the object. If the estimator does not know the class, but has stand-ins, the most probable
+            stand-in in the first cloud is used, with the type of joint that the package lists for the class.
         estimator: estimator of scenes.
 
     Raises:
-        InputError: the estimator does not know the class.
+        InputError: the estimator does not know the class and has no stand-ins.
 
     Attributes:
         name, asset_class: name and class of the object.
@@ -65,13 +67,16 @@ class ArticulatedTracker:
 
     def __init__(self, name: str, asset_class: str, estimator: SceneEstimator) -> None:
         self.name, self.asset_class = name, asset_class
-        self._kind = estimator.classes[by_name(estimator.classes, asset_class)]
+        is_known = not estimator.stand_ins or asset_class in {each.name for each in estimator.classes}
+        self._known = estimator.classes[by_name(estimator.classes, asset_class)] if is_known else None
         self._estimator = estimator
         self.reset(())
 
     def reset(self, success: Sequence[Criterion]) -> None:
         """Start an episode with the success criteria of its task."""
         self.track: Track | None = None
+        # Class with which the object is estimated; None before the first cloud if the class is unknown.
+        self._kind = self._known
         self.carried: dict[str, RigidEstimate] = {}
         self._before: Track | None = None
         self._seen_at_first = 0
@@ -102,9 +107,9 @@ class ArticulatedTracker:
         first, because the network was trained on clouds of a fixed size; the result has the rows of the whole cloud.
         """
         if len(cloud) <= SETTINGS.points:
-            return self._estimator.estimate(cloud, self.asset_class)
+            return self._estimated(cloud)
         seen = thinned(cloud)
-        estimate = self._estimator.estimate(seen, self.asset_class)
+        estimate = self._estimated(seen)
         groups = _nearest_labels(cloud, seen, _groups(estimate, len(seen)))
         others = np.flatnonzero(groups == OTHER)
         if not estimate.objects:
@@ -114,9 +119,13 @@ class ArticulatedTracker:
         moving = _nearest_labels(cloud[rows], seen[found.points], found.moving)
         return SceneEstimate((replace(found, points=rows, moving=moving),), others)
 
+    def _estimated(self, cloud: Points) -> SceneEstimate:
+        kind = self._kind or self._estimator.stand_in(cloud, JOINT_TYPES.get(self.asset_class))
+        return self._estimator.estimate(cloud, kind.name)
+
     def why_absent(self, cloud: Points, seen: SceneEstimate) -> dict[str, Any] | None:
         """Return why an estimate of a cloud (N, 3) does not show the object, as plain data; None if it does."""
-        return why_absent(seen.objects[0] if seen.objects else None, cloud, self._kind)
+        return why_absent(seen.objects[0] if seen.objects else None, cloud, self._known)
 
     def foresee(self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker) -> bool:
         """Move the carried objects to where the moving part has carried them, before a cloud shows them. Return whether
@@ -150,6 +159,8 @@ class ArticulatedTracker:
             self.track = None if self.track is None else replace(self.track, change=None)
             return
         self._seen_at_first = self._seen_at_first or len(found.points)
+        classes = self._estimator.classes
+        self._kind = self._kind or classes[by_name(classes, found.asset_class)]
         if self._before is None and self.goal and found.joint.openness_deviation > UNKNOWN:
             # The hand then moves the joint over its whole range.
             found = found.at(0.5 - 0.5 * self.goal, found.joint.openness_deviation)

@@ -171,6 +171,7 @@ class _Record(BaseModel):
     kind: Literal["gensim2-estimator"] = "gensim2-estimator"
     classes: Annotated[tuple[ClassConstants, ...], Field(min_length=1, max_length=1000)]
     scales: dict[str, Annotated[float, Field(gt=0, le=1000)]]
+    stand_ins: tuple[str, ...] = ()
     file: FileName
     sha256: Digest
 
@@ -192,6 +193,7 @@ class SceneEstimator:
         profile: robot whose base frame the clouds use.
         scales: calibration factors. Each predicted standard deviation is multiplied by the factor with its name in
             ``DEVIATIONS``. None: all factors are 1.
+        stand_ins: names of known classes whose estimates are used for objects of an unknown class.
         refine: whether to align the estimated yaw with the upright surfaces in the cloud, and the value of a revolute
             joint with the surfaces of the moving part.
 
@@ -208,10 +210,12 @@ class SceneEstimator:
         profile: RobotProfile,
         scales: Mapping[str, float] | None = None,
         *,
+        stand_ins: Sequence[str] = (),
         refine: bool = True,
     ) -> None:
         self.network, self.classes, self.profile, self.refine = network, tuple(classes), profile, refine
         self.scales: dict[str, float] = dict.fromkeys(DEVIATIONS, 1.0) | dict(scales or {})
+        self.stand_ins = tuple(self.classes[by_name(self.classes, name)] for name in stand_ins)
 
     @classmethod
     def load(cls, folder: Path | str = BUILTIN, profile: RobotProfile | None = None) -> Self:
@@ -228,7 +232,7 @@ class SceneEstimator:
         record = read_record(Path(folder) / ESTIMATOR_JSON, _Record, _REMEDY)
         network = SceneNetwork(len(record.classes))
         load_half_precision(network, Path(folder) / record.file, record.sha256, MAX_BYTES, _REMEDY)
-        return cls(network, record.classes, profile, record.scales)
+        return cls(network, record.classes, profile, record.scales, stand_ins=record.stand_ins)
 
     def save(self, folder: Path) -> None:
         """Write ``estimator.json`` and the weights atomically. The weights are stored with 16 bits each; the rounding
@@ -238,7 +242,8 @@ class SceneEstimator:
             WriteError: the folder cannot be written to.
         """
         name, digest = write_weights(folder, half_precision(self.network))
-        record = _Record(classes=self.classes, scales=self.scales, file=name, sha256=digest)
+        names = tuple(each.name for each in self.stand_ins)
+        record = _Record(classes=self.classes, scales=self.scales, stand_ins=names, file=name, sha256=digest)
         write_json(folder / ESTIMATOR_JSON, record.model_dump(mode="json"))
         remove_other_weights(folder, name)
 
@@ -268,6 +273,18 @@ class SceneEstimator:
             if int(mask.sum()) < LEAST_POINTS:
                 return SceneEstimate((), others)
             return SceneEstimate((self._object(seen, mask, found, more, given),), others)
+
+    def stand_in(self, xyz: Points, joint_type: str | None = None) -> ClassConstants:
+        """Return the most probable stand-in for the object in a point cloud, whose class is unknown.
+
+        Args:
+            xyz: (N, 3) finite points in the base frame, m, without points of the robot.
+            joint_type: ``"revolute"`` or ``"prismatic"``: type of the joint of the stand-in, if there is one; None: any
+                type.
+        """
+        found = self.estimate(xyz).objects
+        alike = [each for each in self.stand_ins if each.joint_type == joint_type] or self.stand_ins
+        return max(alike, key=lambda each: found[0].classes[each.name] if found else 0.0)
 
     def _object(
         self, seen: EncodedCloud, mask: torch.Tensor, xyz: Points, more: Points, given: int | None

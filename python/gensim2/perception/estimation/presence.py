@@ -33,7 +33,7 @@ def connected_extent(points: Points) -> float:
     return float(pdist(part).max())
 
 
-def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants) -> dict[str, Any] | None:
+def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants | None) -> dict[str, Any] | None:
     """Return why a cloud does not show an object of a class, as plain data; None if the cloud shows such an object.
 
     The network knows only classes of articulated objects, and assigns one of them to any points. Therefore two
@@ -45,10 +45,12 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
     Args:
         found: estimate for the class; None if the cloud shows no articulated object.
         cloud: (N, 3) point cloud in which the object was estimated, m.
-        kind: constants of the class.
+        kind: constants of the class; None for an unknown class, of which any object is accepted.
     """
     if found is None:
         return {}
+    if kind is None:
+        return None
     likeliest = max(found.classes, key=lambda name: found.classes[name])
     probability = sum(each for name, each in found.classes.items() if noun(name) == noun(kind.name))
     if CLASS_ODDS * probability < found.classes[likeliest]:

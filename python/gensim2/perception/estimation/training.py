@@ -20,7 +20,7 @@ from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import rng
 from gensim2.objects import Library, open_library
 from gensim2.perception.cloud import from_steps
-from gensim2.perception.estimation.classes import ClassConstants
+from gensim2.perception.estimation.classes import ClassConstants, by_name
 from gensim2.perception.estimation.deformation import deformed
 from gensim2.perception.estimation.estimator import SceneEstimator
 from gensim2.perception.estimation.examples import Example, example, object_looks, stacked, training_instances
@@ -47,6 +47,10 @@ OTHER_LOOKS = 4
 TRAINED_SHARE = 0.5
 """Fraction of the clouds in a training step that show the trained classes, if a training adds classes to an
 estimator."""
+PRIOR = 0.5
+"""Weight of the frequency of a class in the loss of the classes: with 1, a short training does not learn to recognize
+the trained classes, and with 0, it takes similar objects of other classes for them.
+"""
 LEARNING_RATE, GENTLE_RATE = 1.5e-3, 5e-4
 """Maximum learning rate, and maximum learning rate of a training that should keep what the estimator knows."""
 ROOM = 1_000_000
@@ -74,6 +78,7 @@ class PerceiveSettings(RunSettings):
     batch: int
     seed: int
     start: str | None = None
+    stand_ins: tuple[str, ...] = ()
 
 
 def train_estimator(
@@ -90,6 +95,7 @@ def train_estimator(
     batch: int = 24,
     seed: int = 0,
     start: Path | str | None = None,
+    stand_ins: Sequence[str] = (),
     resume: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
@@ -113,6 +119,7 @@ def train_estimator(
         start: estimator with the initial weights, as for :meth:`SceneEstimator.load`; None: random initial weights.
             The trained estimator knows the classes of this estimator and ``classes``. A class that is new starts with
             the weights of the most similar class.
+        stand_ins: classes whose estimates are used for objects of unknown classes, in addition to those of ``start``.
         resume: whether to continue the training run in ``out``.
         progress: listener.
 
@@ -120,9 +127,9 @@ def train_estimator(
         Plain data: folder, number of clouds, loss, CPU time of the gradient steps (s), and calibration.
 
     Raises:
-        InputError: a class is unknown or rigid, the objects of a class have different keypoints, ``objects_of`` names a
-            class that is not trained, ``out`` contains a different training run, or there are no objects of a class of
-            the estimator ``start``.
+        InputError: a class is unknown or rigid, the objects of a class have different keypoints, ``objects_of`` or
+            ``stand_ins`` names a class that is not trained, ``out`` contains a different training run, or there are no
+            objects of a class of the estimator ``start``.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
@@ -145,6 +152,9 @@ def train_estimator(
     order = [*known, *(name for name in names if name not in known)]
     work.sort(key=lambda each: order.index(each.name))
     constants = [each.constants(seed) for each in work]
+    for name in stand_ins:
+        by_name(constants, name)
+    inherited = [] if first is None else [each.name for each in first.stand_ins]
     settings = PerceiveSettings(
         classes=names,
         assets=str(library.location),
@@ -157,6 +167,7 @@ def train_estimator(
         batch=batch,
         seed=seed,
         start=None if start is None else str(start),
+        stand_ins=tuple(stand_ins),
     )
     with ResumableFolder(out, MARKER, settings, holds="a training of an estimator", resume=resume):
         learned, arrays, held_out = _examples(work, constants, profile, seed, out / EXAMPLES, progress)
@@ -189,6 +200,7 @@ def train_estimator(
 
         loss = take_steps(state, gradients, training, out / TRAINING, identity, progress)
         estimator = SceneEstimator(copy.deepcopy(state.average).eval(), learned, profile)
+        estimator.stand_ins = tuple(each for each in learned if each.name in {*inherited, *stand_ins})
         changed = [
             deformed(_example_of(held_out, row), rng(seed, "perception/calibration", row))
             for row in range(len(held_out["class"]))
@@ -375,7 +387,7 @@ class Examples:
             This array contains the points' features times 127 as int8.
         trained: indices of the classes that get the fraction ``TRAINED_SHARE`` of a batch; the other classes share the
             rest. The loss of the classes then takes into account how often each class is sampled, so that the network
-            does not consider the trained classes more probable. None: no class is preferred.
+            prefers the trained classes less. None: no class is preferred.
     """
 
     def __init__(self, arrays: Arrays, trained: Sequence[int] | None = None) -> None:
@@ -389,7 +401,7 @@ class Examples:
             for rows, share in ((preferred, TRAINED_SHARE), (~preferred, 1.0 - TRAINED_SHARE)):
                 self._chance[rows] *= share / self._chance[rows].sum()
             shares = np.bincount(arrays["class"], self._chance)
-            self._prior["log_prior"] = torch.from_numpy(np.log(np.maximum(shares, 1e-9))).float()
+            self._prior["log_prior"] = PRIOR * torch.from_numpy(np.log(np.maximum(shares, 1e-9))).float()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
         """Sample a batch, and deform, rotate and shift each cloud at random.
