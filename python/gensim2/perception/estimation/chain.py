@@ -259,7 +259,8 @@ class PerceivingChain:
         self._task = as_task(task)
         self._profile, self._threads = robot(robot_name), threads
         classes = {name: each.asset_class for name, each in self._task.objects.items()}
-        self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success)
+        places = {name: each.place.on for name, each in self._task.objects.items()}
+        self._goal = GoalTracker(SceneEstimator.load(estimator, self._profile), classes, self._task.success, places)
         ways = load_strategies(self._task.name) if strategies is None else strategies
         self._chain = _Chain(self._task, ways, self._profile)
         settings = DENSE

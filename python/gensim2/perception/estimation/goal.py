@@ -27,6 +27,8 @@ DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), hig
 only a dozen pixels."""
 LEFT = 0.03
 """Minimum displacement (m) of a rigid object that has left its goal."""
+ABOVE_BOTTOM = 0.002
+"""Minimum height (m) of an object that was put on or into another one above the bottom of this one."""
 DISTRUST = 2.0
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
 the number of motions of the step. The latest motions do not count if they have not moved the joint."""
@@ -46,6 +48,8 @@ class GoalTracker:
         estimator: estimator of scenes.
         objects: classes of the task's objects, by name.
         success: success criteria of the task.
+        places: names of the bodies on or in which the objects are at the start, by name of the object. A rigid object
+            in an articulated one is also sought among the points of this one. None: all objects are on the table.
 
     Raises:
         InputError: a class is unknown.
@@ -60,7 +64,13 @@ class GoalTracker:
             shows the objects.
     """
 
-    def __init__(self, estimator: SceneEstimator, objects: Mapping[str, str], success: Sequence[Criterion]) -> None:
+    def __init__(
+        self,
+        estimator: SceneEstimator,
+        objects: Mapping[str, str],
+        success: Sequence[Criterion],
+        places: Mapping[str, str] | None = None,
+    ) -> None:
         known = {each.name for each in estimator.classes}
         shapes = {name: shape_of(each) for name, each in objects.items() if each not in known}
         self.rigid = RigidTracker({name: each for name, each in shapes.items() if each is not None})
@@ -70,7 +80,7 @@ class GoalTracker:
             if name not in self.rigid.shapes
         }
         self.estimator, self._success = estimator, tuple(success)
-        self._objects = dict(objects)
+        self._objects, self._places = dict(objects), dict(places or {})
         self.reset()
 
     @property
@@ -89,6 +99,8 @@ class GoalTracker:
         for each in self.articulated.values():
             each.reset(self._success)
         self._first_motion = 0
+        # Names of the rigid objects that the hand has held.
+        self._handled: set[str] = set()
         # Points of each articulated object in the latest cloud that showed it, and of other bodies in the latest cloud.
         self._bodies: list[Points] = [_NO_POINTS] * len(self.articulated)
         self._others: Points = _NO_POINTS
@@ -128,6 +140,8 @@ class GoalTracker:
                 each.carried.pop(name, None)
             self._placed.discard(name)
         self.rigid.hold(name, T_world_object)
+        if name is not None:
+            self._handled.add(name)
 
     def take_in(self, cloud: Points, *, is_pressed: bool | None = None) -> None:
         """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
@@ -184,9 +198,13 @@ class GoalTracker:
         point shows; -1: none.
         """
         of_articulated, floors, shut = np.zeros(len(cloud), dtype=bool), dict[str, float](), set[str]()
+        containers: dict[str, npt.NDArray[np.bool_]] = {}
         for number, each in enumerate(self.articulated.values()):
             rows = np.flatnonzero(labels == number)
             seen = each.estimate(cloud[rows])
+            if not self.looks:
+                contained = [name for name in self.rigid.shapes if self._places.get(name) == each.name]
+                containers |= dict.fromkeys(contained, labels == number)
             for found in seen.objects:
                 of_articulated[rows[found.points]] = True
             if each.foresee(cloud[rows], seen, self.rigid):
@@ -197,7 +215,7 @@ class GoalTracker:
         points = cloud @ T[:3, :3].T + T[:3, 3]
         carried = {name for each in self.articulated.values() for name in each.carried}
         before = dict(self.rigid.found)
-        own = self.rigid.take_in(points, of_articulated, carried, floors, shut=shut)
+        own = self.rigid.take_in(points, of_articulated, carried, floors, shut=shut, containers=containers)
         self._placed -= {name for name in self._placed - carried if self._has_left(name, before[name])}
         for each in self.articulated.values():
             each.carried = {name: found for name, found in each.carried.items() if self.rigid.is_hidden(name)}
@@ -271,9 +289,24 @@ class GoalTracker:
             gripper=profile.gripper_with(q.tolist()),
             finger_opening=profile.gripper.opening(q[profile.arm_size :]),
             start_positions=self.rigid.start,
-            bounds={name: each.bounds for name, each in self.rigid.found.items()},
+            bounds=self._bounds(),
             contents=contents,
         )
+
+    def _bounds(self) -> dict[str, Array]:
+        """Return the bounding boxes (2, 3) of the rigid objects in the world frame, m.
+
+        An object that the hand has put on or into another one is above the bottom of this one, although the estimate of
+        its height may be a few millimetres too low.
+        """
+        bounds = {name: each.bounds for name, each in self.rigid.found.items()}
+        for name in self._handled - {self.rigid.held}:
+            center = self.rigid.found[name].center
+            for other in bounds.keys() - self._handled:
+                low, high = bounds[other]
+                if (low[:2] <= center[:2]).all() and (center[:2] <= high[:2]).all():
+                    bounds[name][0, 2] = max(bounds[name][0, 2], low[2] + ABOVE_BOTTOM)
+        return bounds
 
     def scene(self, q: Array) -> Scene:
         """Return the latest estimate as a scene of the planner, with the objects in the order of the task.

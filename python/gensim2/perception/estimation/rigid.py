@@ -50,6 +50,16 @@ FIT_ERROR = 0.004
 """Typical distance (m) of a cluster's points from the fitted shape."""
 YAWS = 6
 """Number of initial yaw angles of a fit."""
+CLOSER = (0.013, 0.01, 0.008)
+"""Distances (m) between the points of an object and of the body that contains it, at which the object is sought."""
+LEAST_INSIDE = 20
+"""Minimum number of points of an object in another body."""
+MAX_COST_INSIDE, MAX_ERROR_INSIDE = 4.0, 0.0023
+"""Maximum negative log likelihood of the dimensions, and maximum mean distance (m) from the fitted shape, of points in
+another body that show an object.
+"""
+DEEP = 0.008
+"""Depth (m) below the surface of a fitted shape at which there must be no points."""
 PREFERRED = 0.9
 """Factor by which another initial yaw must reduce the cost of a fit, relative to the best one so far."""
 
@@ -315,6 +325,42 @@ def fitted(shape: RigidShape, points: Array, number: int = 0) -> RigidEstimate:
     T[:3, 3] = middle + np.array([x, y, 0.0]) - turn @ (rotation.T @ center * along)
     found = RigidEstimate(shape, along, T, angle, 0.0)
     return replace(found, error=distance(found, points))
+
+
+def found_inside(shape: RigidShape, points: Array) -> tuple[RigidEstimate, Indices] | None:
+    """Seek an object in the points of a body that contains it, such as an open box.
+
+    The object touches the body, so their points form one cluster. But most of its points are farther from the body than
+    from each other. Therefore clusters with shorter distances are compared with the dimensions and the shape of the
+    class. There must be no points inside the fitted shape.
+
+    Args:
+        shape: shape of the class.
+        points: (N, 3) points of the body and of the object in the world frame, m.
+
+    Returns:
+        The fitted object and the row indices of its points; None if no cluster fits.
+    """
+    found: list[tuple[float, RigidEstimate, Indices]] = []
+    for link in CLOSER:
+        for rows in clusters(points, link):
+            if len(rows) < LEAST_INSIDE:
+                break
+            value, number = cost(shape, points[rows])
+            if value <= MAX_COST_INSIDE:
+                fit = fitted(shape, points[rows], number)
+                if fit.error <= MAX_ERROR_INSIDE and not _is_filled(fit, points):
+                    found.append((value, fit, rows))
+    return min(found, key=lambda each: each[0])[1:] if found else None
+
+
+def _is_filled(found: RigidEstimate, points: Array) -> bool:
+    """Return whether a point (N, 3) lies deep inside an estimated object."""
+    for hull in found.shape.hulls:
+        planes = ConvexHull(found.in_world(hull)).equations
+        if ((points @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -DEEP).any():
+            return True
+    return False
 
 
 def distance(found: RigidEstimate, points: Array) -> float:

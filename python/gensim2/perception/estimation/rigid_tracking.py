@@ -17,6 +17,7 @@ from gensim2.perception.estimation.rigid import (
     assigned,
     clusters,
     fitted,
+    found_inside,
 )
 
 Array = npt.NDArray[np.float64]
@@ -92,6 +93,8 @@ class RigidTracker:
         # Height (m) of the object frame at the release, of each released object that no cloud has shown since.
         self._released: dict[str, float] = {}
         self._hidden: set[str] = set()
+        # Objects that lie in another body since the start. The points of this body are near them.
+        self._inside: set[str] = set()
         self._past: Array | None = None
 
     @property
@@ -109,6 +112,7 @@ class RigidTracker:
                 self._released[self.held] = float(self.found[self.held].T_world_object[2, 3])
             self.held, self._is_left = name, False
             self._before_grasp = None if name is None else self.found[name]
+            self._inside -= {name}
         if name is not None and T_world_object is not None and not self._is_left:
             self.found[name] = self.found[name].at(T_world_object)
 
@@ -132,6 +136,7 @@ class RigidTracker:
         floors: Mapping[str, float] | None = None,
         *,
         shut: Collection[str] = (),
+        containers: Mapping[str, Mask] | None = None,
     ) -> npt.NDArray[np.int64]:
         """Estimate the objects in a cloud.
 
@@ -142,6 +147,8 @@ class RigidTracker:
                 them, and parts of the articulated object, such as a knob, may have their dimensions.
             floors: heights (m) of the floors below released objects, by name. The objects cannot have fallen lower.
             shut: names of ``carried`` objects that are not sought, because the moving part hides its contents.
+            containers: which points (N,) show the body in which an object lies at the start, by name of the object. The
+                object is sought among these points if no cluster shows it.
 
         Returns:
             Index (N,) of the object that each point shows, in the order of ``shapes``; -1: none of the objects.
@@ -164,6 +171,9 @@ class RigidTracker:
         released = [name for name in sought if name in self._released and name not in carried]
         unknown = [name for name in sought if name not in inside and name not in released]
         self._place(unknown, points, on_articulated, changed, own)
+        for name, mask in (containers or {}).items():
+            if name not in self.found:
+                self._place_inside(name, points, mask & (own < 0), own)
         held = [] if self.held is None or self._is_left else [self.held]
         self._place([*released, *held], points, on_articulated, changed, own, standing=True)
         for names, farthest in ((released, FARTHEST_DROP), (shown, FARTHEST_ROLL)):
@@ -199,6 +209,8 @@ class RigidTracker:
         for other in self.found.keys() - {name}:
             apart &= cKDTree(self.found[other].samples).query(points)[0] > ABOUT
         found = self.found[name]
+        if name in self._inside:
+            return _is_unmoved(found, points, ON_OBJECT)
         return _is_unmoved(found, points[apart]) or _is_unmoved(found, points)
 
     def _leave_behind(self, points: Array) -> None:
@@ -274,6 +286,15 @@ class RigidTracker:
             own[found[column]] = self._index(name)
             self._claim(name, points, own)
 
+    def _place_inside(self, name: str, points: Array, within: Mask, own: npt.NDArray[np.int64]) -> None:
+        """Find an object among the points of the body that contains it, which are marked in ``within`` (N,)."""
+        rows = np.flatnonzero(within)
+        found = found_inside(self.shapes[name], points[rows])
+        if found is not None:
+            self.found[name], shown = found
+            own[rows[shown]] = self._index(name)
+            self._inside.add(name)
+
     def _settle(self, name: str, points: Array, changed: Mask, farthest: float, floor: float) -> bool:
         """Estimate where a released object, or an object in a moving part, has come to rest. Return whether the cloud
         shows the object.
@@ -315,10 +336,12 @@ class RigidTracker:
         self.found[name] = before.moved(np.array([0.0, 0.0, min(0.0, support - float(low[2]))]))
 
 
-def _is_unmoved(found: RigidEstimate, points: Array) -> bool:
-    """Return whether points (N, 3) in the world frame lie on an object at its last pose."""
+def _is_unmoved(found: RigidEstimate, points: Array, within: float = ABOUT) -> bool:
+    """Return whether points (N, 3) in the world frame lie on an object at its last pose. Only points at distances of
+    less than ``within`` (m) count.
+    """
     distances = cKDTree(found.samples).query(points)[0]
-    about = distances[distances < ABOUT]
+    about = distances[distances < within]
     limit = max(UNMOVED * found.error, UNMOVED_ERROR)
     return len(about) >= LEAST_IN_CLUSTER and float(about.mean()) <= limit
 

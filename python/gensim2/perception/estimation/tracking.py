@@ -43,6 +43,9 @@ and a displacement can then match the rest of the part with other surfaces.
 """
 LEAST_SHIFT = {"revolute": 0.3, "prismatic": 0.025}
 """Minimum displacement (rad or m) of an estimated keypoint along the joint for the displacement to count."""
+LEAST_RANGE = {"revolute": 0.15, "prismatic": 0.025}
+"""Minimum joint range (rad or m) for a displacement to be measured. The points of smaller displacements, for example of
+a button, are too far apart to show it."""
 NEAREST = 3
 """Number of cloud points whose mean replaces a keypoint that the hand has missed."""
 MOST_MISSED = 0.06
@@ -129,8 +132,10 @@ def displacement(
             most of the change counts, and a displacement of the keypoint alone does not count.
 
     Returns:
-        The displacement; None if a cloud shows too little of the moving part.
+        The displacement; None if a cloud shows too little of the moving part, or if the joint range is too small.
     """
+    if before.joint.upper - before.joint.lower < LEAST_RANGE[before.joint.type]:
+        return None
     points = [old[before.points].astype(np.float64), new[after.points].astype(np.float64)]
     trees = [cKDTree(points[1]), cKDTree(points[0])]
     estimated = [points[0][before.moving], points[1][after.moving]]
