@@ -50,7 +50,7 @@ from gensim2.perception.estimation.measuring import calibrated, figures, measure
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.scene import boxes, planning_scene, raised, scene_object
-from gensim2.perception.estimation.tracking import LEAST_SHIFT, UNKNOWN, Track, displacement
+from gensim2.perception.estimation.tracking import LEAST_RANGE, LEAST_SHIFT, UNKNOWN, Track, displacement
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
 from gensim2.perception.noise import DEPLOYED
 from gensim2.perception.raycast.observer import Observer
@@ -370,6 +370,21 @@ def test_boxes_hold_their_points() -> None:
     assert boxes(points[:0]) == ()
 
 
+def test_boxes_parallel_to_a_wall_are_thin() -> None:
+    along, up = np.meshgrid(np.arange(0.0, 0.3, 0.005), np.arange(0.0, 0.2, 0.005))
+    wall = np.stack([along.ravel(), np.full(along.size, 0.003), up.ravel()], -1)
+    frame = np.asarray(Rotation.from_euler("z", 0.6).as_matrix())
+    turned = (wall @ frame.T).astype(np.float32)
+    thin, thick = (
+        [float(np.ptp(hull @ frame[:, 1])) for hull in boxes(turned, given)] for given in (frame, None)
+    )
+    assert max(thin) == pytest.approx(0.004, abs=1e-4)
+    assert max(thick) > 0.015
+    corners = np.concatenate(boxes(turned, frame)) @ frame
+    assert corners.min(axis=0) == pytest.approx(wall.min(axis=0) - 0.002, abs=1e-4)
+    assert corners.max(axis=0) == pytest.approx(wall.max(axis=0) + 0.002, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("name", "asset_class", "openness"), [("OpenBox", "box_rotate", 0.4), ("CloseBox", "box_rotate", 0.6)]
 )
@@ -656,6 +671,16 @@ def test_the_displacement_of_a_joint_is_measured(asset_class: str, first: float,
     again = displacement(unknown[0], before.cloud.xyz, unknown[1], after.cloud.xyz)
     assert again.value == pytest.approx(found.value, abs=0.05 * span)
     assert displacement(unknown[0], before.cloud.xyz, unknown[0], before.cloud.xyz) is None
+
+
+@pytest.mark.parametrize(("asset_class", "first", "last"), [("box_rotate", 0.3, 0.7), ("drawer", 0.8, 0.1)])
+def test_the_displacement_of_a_button_is_not_measured(asset_class: str, first: float, last: float) -> None:
+    before, after = truth(look_at(asset_class, first)), truth(look_at(asset_class, last))
+    clouds = [look_at(asset_class, each).cloud.xyz for each in (first, last)]
+    joint = before.joint
+    short = replace(before, joint=replace(joint, upper=joint.lower + 0.9 * LEAST_RANGE[joint.type]))
+    assert displacement(before, clouds[0], after, clouds[1])
+    assert displacement(short, clouds[0], after, clouds[1]) is None
 
 
 @pytest.mark.parametrize(("asset_class", "first", "last"), [("box_rotate", 0.3, 0.7), ("drawer", 0.8, 0.1)])

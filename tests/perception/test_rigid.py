@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import gensim2
@@ -22,6 +23,7 @@ from gensim2.perception.estimation.rigid import (
     assigned,
     clusters,
     fitted,
+    found_inside,
     rectangle,
     shape_of,
 )
@@ -29,7 +31,7 @@ from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.robots import robot
 from gensim2.rollout.record import Cause
 from gensim2.sim.headless import HeadlessEnv
-from gensim2.tasks.criteria import DistanceArticulatedRigid, RigidLifted
+from gensim2.tasks.criteria import DistanceArticulatedRigid, RigidLifted, RigidOnRigid
 from gensim2.tasks.library import load_task
 
 Array = npt.NDArray[np.float64]
@@ -268,6 +270,58 @@ def test_criteria_of_rigid_objects_are_judged_by_estimates() -> None:
     goal.begin_motion()
     goal.take_in(env.observe(ObservationSpec(cloud=DENSE)).cloud.xyz)
     assert goal.is_displaced(q)
+
+
+def open_box(wall: float = 0.006) -> Array:
+    """Return points of the floor and the walls of a box of 0.2 m, whose floor is as high as a ``wall`` is thick, m."""
+    steps = np.arange(-0.1, 0.1001, 0.005)
+    floor = np.stack(np.meshgrid(steps, steps, [wall]), -1).reshape(-1, 3)
+    up = np.arange(0.01, 0.1, 0.005)
+    sides = [np.stack(np.meshgrid([x], steps, up), -1).reshape(-1, 3) for x in (-0.1, 0.1)]
+    return np.concatenate([floor, *sides, *(each[:, [1, 0, 2]] for each in sides)])
+
+
+@pytest.mark.parametrize("name", ["rubiks_cube", "golf_ball", "lemon"])
+def test_an_object_in_a_box_is_found_among_the_points_of_the_box(name: str) -> None:
+    box, true = open_box(), on_table(name, 0.02, 0.01, 0.3).moved(np.array([0.0, 0.0, 0.006]))
+    inside = true.samples[true.samples[:, 2] > 0.02]
+    hidden = cKDTree(true.samples).query(box)[0] < 0.012
+    points = np.concatenate([box[~hidden], inside])
+    assert len(clusters(points)) == 1
+    tracker, within = RigidTracker({name: true.shape}), np.ones(len(points), dtype=bool)
+    tracker.take_in(points, within)
+    assert tracker.missing == [name]
+    tracker.reset()
+    own = tracker.take_in(points, within, containers={name: within})
+    assert np.linalg.norm(tracker.found[name].center - true.center) < 0.008
+    assert (own[-len(inside) :] == 0).mean() > 0.9
+    assert (own[: -len(inside)] == 0).mean() < 0.05
+    # In the next cloud it is still there, although points of the box are near it.
+    tracker.take_in(points, within)
+    assert not tracker.is_hidden(name)
+
+
+def test_a_box_without_the_object_does_not_show_it() -> None:
+    points = open_box()
+    for name in ("rubiks_cube", "golf_ball", "lemon", "baseball"):
+        shape = shape_of(name)
+        assert shape is not None
+        assert found_inside(shape, points) is None
+
+
+@pytest.mark.parametrize(("is_handled", "is_on"), [(True, True), (False, False)])
+def test_an_object_that_was_put_into_a_bowl_is_above_its_bottom(*, is_handled: bool, is_on: bool) -> None:
+    """The cube lies in the bowl, but its estimate is a millimetre lower than the bottom of the bowl."""
+    on = RigidOnRigid(rigid="cube", support="bowl", threshold=0.064, height=0.086)
+    goal = GoalTracker(SceneEstimator.load(), {"bowl": "bowl", "cube": "rubiks_cube"}, (on,))
+    bowl = on_table("bowl", 0.0, 0.0)
+    cube = on_table("rubiks_cube", 0.01, 0.0).moved(np.array([0.0, 0.0, -0.001]))
+    goal.rigid.found |= {"bowl": bowl, "cube": cube}
+    goal.looks.append(SceneEstimate((), np.zeros(0, dtype=np.int64)))
+    if is_handled:
+        goal.hold("cube", cube.T_world_object)
+        goal.hold(None)
+    assert on.holds(goal.measurement(np.array(PANDA.reset_qpos))) == is_on
 
 
 def test_an_object_is_put_into_a_box_on_an_estimated_scene() -> None:

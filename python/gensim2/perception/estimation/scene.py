@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
+from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.estimator import EDGES, LEVEL, ObjectEstimate, Points
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.world import TABLE
@@ -68,8 +70,13 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
             floor, and the planner would move the hand through it. None: the part has no floor.
     """
     bodies = []
-    for link, rows in (("base", found.points[~found.moving]), ("moving", found.points[found.moving])):
-        hulls = boxes(cloud[rows])
+    upright = np.asarray(Rotation.from_euler("z", found.yaw).as_matrix())
+    turned = joint_motion(found.joint.type, found.joint.axis, found.joint.value)[:3, :3] @ upright
+    for link, rows, frame in (
+        ("base", found.points[~found.moving], upright),
+        ("moving", found.points[found.moving], turned),
+    ):
+        hulls = boxes(cloud[rows], frame)
         if link == "moving" and hulls and floor is not None:
             hulls = (*hulls, _slab(cloud[rows], found.joint.axis, floor))
         if hulls:
@@ -126,15 +133,19 @@ def _slab(points: Points, axis: Array, height: float) -> Array:
     return np.asarray(np.where(_SIGNS, high, low) @ frame)
 
 
-def boxes(points: Points) -> tuple[Array, ...]:
-    """Divide points among the cells of a grid, and return the corners (8, 3) of an axis-aligned box around the points
-    of each cell. The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
+def boxes(points: Points, frame: Array | None = None) -> tuple[Array, ...]:
+    """Divide points among the cells of a grid, and return the corners (8, 3) of a box around the points of each cell.
+    The planner uses the boxes as obstacles. Cells with fewer than ``LEAST_IN_CELL`` points get no box.
 
     Args:
         points: (N, 3) points, m.
+        frame: (3, 3) rotation of the grid and the boxes. If the faces of a body are parallel to the grid, its boxes are
+            thinner. None: the grid is parallel to the axes.
     """
     if not len(points):
         return ()
+    if frame is not None:
+        return tuple(each @ frame.T for each in boxes(np.asarray(points @ frame, dtype=np.float32)))
     cells, rows = np.unique(np.floor(points / CELL).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(rows.reshape(-1), kind="stable")
     counts = np.bincount(rows.reshape(-1), minlength=len(cells))
