@@ -375,9 +375,7 @@ def test_boxes_parallel_to_a_wall_are_thin() -> None:
     wall = np.stack([along.ravel(), np.full(along.size, 0.003), up.ravel()], -1)
     frame = np.asarray(Rotation.from_euler("z", 0.6).as_matrix())
     turned = (wall @ frame.T).astype(np.float32)
-    thin, thick = (
-        [float(np.ptp(hull @ frame[:, 1])) for hull in boxes(turned, given)] for given in (frame, None)
-    )
+    thin, thick = ([float(np.ptp(hull @ frame[:, 1])) for hull in boxes(turned, given)] for given in (frame, None))
     assert max(thin) == pytest.approx(0.004, abs=1e-4)
     assert max(thick) > 0.015
     corners = np.concatenate(boxes(turned, frame)) @ frame

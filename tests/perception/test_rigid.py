@@ -16,6 +16,7 @@ from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator
+from gensim2.perception.estimation.estimator import SceneEstimate
 from gensim2.perception.estimation.goal import DENSE, GoalTracker
 from gensim2.perception.estimation.rigid import (
     LEAST_IN_CLUSTER,
