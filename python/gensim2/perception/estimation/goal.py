@@ -139,9 +139,8 @@ class GoalTracker:
             for each in self.articulated.values():
                 each.carried.pop(name, None)
             self._placed.discard(name)
-        self.rigid.hold(name, T_world_object)
-        if name is not None:
             self._handled.add(name)
+        self.rigid.hold(name, T_world_object)
 
     def take_in(self, cloud: Points, *, is_pressed: bool | None = None) -> None:
         """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
