@@ -117,15 +117,16 @@ def test_a_few_new_points_do_not_show_a_large_object() -> None:
     assert tracker.is_hidden("mug")
 
 
-def test_uncertain_joints_are_pushed_further() -> None:
-    look = look_at("box_rotate", 0.5)
+@pytest.mark.parametrize("asset_class", ["box_rotate", "drawer"])
+def test_uncertain_joints_are_moved_further(asset_class: str) -> None:
+    look = look_at(asset_class, 0.5)
     found = truth(look)
     span = found.joint.upper - found.joint.lower
     for deviation in (0.01, 0.2):
         joint = replace(found.joint, openness_deviation=deviation)
-        planned = scene_object("box", replace(found, joint=joint), look.cloud.xyz).joint
+        planned = scene_object("object", replace(found, joint=joint), look.cloud.xyz).joint
         assert planned is not None
-        beyond = max(BEYOND["revolute"], DEVIATIONS * deviation * span)
+        beyond = max(BEYOND[joint.type], DEVIATIONS * deviation * span)
         assert (planned.lower, planned.upper) == pytest.approx((joint.lower - beyond, joint.upper + beyond))
 
 

@@ -31,9 +31,7 @@ LEAST_HEIGHT = 0.03
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 DEVIATIONS = 2.0
-"""Extension of the limits in standard deviations of the joint value, if this is more than ``BEYOND``. The upper limit
-of a sliding part is not extended further, because a pull beyond the end moves the object.
-"""
+"""Extension of the limits in standard deviations of the joint value, if this is more than ``BEYOND``."""
 
 _TABLE_HULLS = (corners(),)
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
@@ -81,8 +79,8 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
             hulls = (*hulls, _slab(cloud[rows], found.joint.axis, floor))
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
-    joint, beyond = found.joint, BEYOND[found.joint.type]
-    doubt = DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower)
+    joint = found.joint
+    beyond = max(BEYOND[joint.type], DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower))
     return SceneObject(
         name=name,
         bodies=tuple(bodies),
@@ -93,8 +91,8 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
             origin=joint.origin,
             axis=joint.axis,
             value=joint.value,
-            lower=joint.lower - max(beyond, doubt),
-            upper=joint.upper + (max(beyond, doubt) if joint.type == "revolute" else beyond),
+            lower=joint.lower - beyond,
+            upper=joint.upper + beyond,
             moves=tuple(body.name for body in bodies if body.name.endswith("/moving")),
         ),
         object_axis=found.object_axis,
