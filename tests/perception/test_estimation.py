@@ -781,6 +781,23 @@ def test_a_joint_that_resists_after_it_has_moved_is_at_the_end_of_its_range() ->
     assert track.after(before, looks[0].cloud.xyz, none, -1, is_pressed=True).found.joint.openness > 0.7
 
 
+def test_a_part_that_no_camera_sees_any_more_is_at_the_end_of_its_range() -> None:
+    """The handle of a bucket that lies on its rim is often hidden, and the network then guesses its place."""
+    look, none = look_at("box_rotate", 0.5), np.zeros(0, dtype=np.int64)
+    before = truth(look).at(0.5, 0.1)
+    rest = look.cloud.xyz[~look.moving]
+    guess = replace(before, points=np.arange(len(rest)), moving=np.zeros(len(rest), dtype=bool)).at(0.8, 0.1)
+    track = Track(before, look.cloud.xyz, none)
+    for goal, openness in ((-1, 0.0), (1, 1.0)):
+        gone = track.after(guess, rest, none, goal)
+        assert gone.found.joint.openness == openness
+        assert goal * gone.moved > 0.0
+        # The next cloud is compared with the last one that showed the part.
+        assert gone.after(before, look.cloud.xyz, none, goal).found.joint.openness == pytest.approx(0.5, abs=0.25)
+    assert track.after(guess, rest, none, 0).found.joint.openness not in (0.0, 1.0)
+    assert track.after(before, look.cloud.xyz, none, -1).found.joint.openness == pytest.approx(0.5, abs=0.01)
+
+
 def test_an_unknown_openness_counts_as_the_start_of_the_motion(trained: Path) -> None:
     """A cloud does not show how far a bag has been pushed along the table."""
     for name, start in (("CloseBox", 1.0), ("OpenBox", 0.0)):

@@ -23,6 +23,9 @@ CHANGED = 0.015
 """Minimum distance (m) of a point from the other cloud if the point has no counterpart there."""
 FAR = 0.02
 """Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
+OUT_OF_VIEW = 0.016
+"""Minimum mean distance (m) of the moving part's points from the cloud at all places that the part may have, if no
+camera sees the part."""
 NOTHING_THERE, MUCH_NEARER = 0.014, 0.8
 """An openness in a new estimate is discarded if the moving part's points would have at least this mean distance (m)
 from the other cloud, and if the measured displacement reduces the distance to this fraction."""
@@ -271,6 +274,8 @@ class Track:
             is_expected: whether the motion should have moved the joint, as for :func:`displacement`.
             is_pressed: whether the object has blocked the arm in the motion; None: unknown.
         """
+        if goal and self._is_out_of_view(found, cloud, goal):
+            return self._at_end(found, cloud, others, goal)
         measured = self.displacement(found, cloud, goal, is_expected=is_expected)
         if measured is None:
             return Track(found, cloud, others, self.moved, misses=self.misses)
@@ -316,6 +321,35 @@ class Track:
             if is_certain or abs(new.openness - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
+
+    def _is_out_of_view(self, found: ObjectEstimate, cloud: Points, goal: int) -> bool:
+        """Return whether no camera sees the moving part any more: a cloud has no points where the part was, where the
+        new estimate places it, and where a displacement towards the goal could have brought it.
+        """
+        before, joint = self.latest or self.found, self.found.joint
+        moving = self.cloud[before.points][before.moving].astype(np.float64)
+        if len(moving) < LEAST_MOVING:
+            return False
+        moving, tree = moving[uniform_stride(len(moving), MOST_COMPARED)], cKDTree(cloud)
+        end = 0.5 + 0.5 * goal - joint.openness
+        shares = [0.0, found.joint.openness - joint.openness, *np.linspace(0.0, end, GRID)[1:]]
+        for share in shares:
+            T = joint_motion(joint.type, joint.axis, share * (joint.upper - joint.lower), joint.origin)
+            distance = np.minimum(tree.query(moving @ T[:3, :3].T + T[:3, 3])[0], FAR).mean()
+            if distance < OUT_OF_VIEW:
+                return False
+        return True
+
+    def _at_end(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
+        """Return the track of a moving part that has left the view: it rests at the end of its range."""
+        joint, end = self.found.joint, 0.5 + 0.5 * goal
+        change = (end - joint.openness) * (joint.upper - joint.lower)
+        gone = Displacement(change, np.zeros((0, 3)))
+        ended = self._displaced(gone, found, cloud).at(end, ABSOLUTE)
+        # The part stays known from the last cloud that has shown it.
+        return replace(
+            self, found=ended, cloud=cloud, others=others, moved=self.moved + change, change=change, misses=0
+        )
 
     def _displaced(self, measured: Displacement, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
         """Return the old estimate after a measured displacement of the joint. The new estimate ``found`` only
