@@ -5,7 +5,7 @@
 
 A file is a result of ``gensim2 perceive measure builtin``, or of ``gensim2 benchmark`` with ``--scene perceived`` or on
 the true scene. The results are stored in ``perception.json`` in this folder. The tables are in
-docs/results/perception.md and docs/results/perceived_tasks.md.
+docs/results/perception.md, docs/results/perceived_tasks.md and docs/results/perceived_designed.md.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ from typing import Any
 from markdown_tables import Row, fill, markdown_table, take_in
 
 from gensim2.cli.perceive import error_cells
+from gensim2.objects import open_library
 from gensim2.rollout.tally import interval
-from gensim2.tasks.library import load_task
+from gensim2.tasks.library import PAPER, load_task, origin_of
 
 FIGURES = Path(__file__).with_name("perception.json")
 _RESULTS = Path(__file__).parents[1] / "docs/results"
-PAGES = (_RESULTS / "perception.md", _RESULTS / "perceived_tasks.md")
+PAGES = (_RESULTS / "perception.md", _RESULTS / "perceived_tasks.md", _RESULTS / "perceived_designed.md")
+DESIGNED = "offline"
+"""Origin of the tasks of the offline designer."""
 MARKED = re.compile(r"(<!-- perception: (\w+) -->\n).*?(<!-- /perception -->)", re.DOTALL)
 ALL, GIVEN = "all, class estimated", "all, class given"
 OBJECTS = ("generated", "real")
@@ -153,19 +156,39 @@ def tasks(rows: Sequence[Row], *, long: bool = False) -> str:
     return markdown_table(["task", *(head for head, _ in columns)], [*counted, ["all", *map(_rate, sums)]])
 
 
-def causes(rows: Sequence[Row], *, long: bool = False) -> str:
+def causes(rows: Sequence[Row], *, long: bool = False, origin: str = PAPER) -> str:
     """Return a table of the causes of failure on estimated scenes.
 
     Args:
         rows: all stored rows.
         long: whether the table has the tasks with several steps, or those with one step.
+        origin: origin of the tasks.
     """
     found = []
-    for row in _tasks(rows, long):
+    for row in _tasks(rows, long, origin):
         if row["scene"] == "perceived" and row["held"] < row["episodes"]:
             counted = ", ".join(f"{count} {cause}" for cause, count in row["causes"].items())
             found.append((row["name"], _shown(row), f"{row['held']} of {row['episodes']}", counted))
     return markdown_table(["task", "objects, depth", "held", "causes of failure"], found)
+
+
+def designed(rows: Sequence[Row]) -> str:
+    """Return a table of the success rates of the offline designer's tasks on estimated scenes."""
+    library = open_library("builtin")
+    groups: dict[str, list[Row]] = {}
+    for long in (False, True):
+        for row in _tasks(rows, long, DESIGNED):
+            classes = [each.asset_class for each in load_task(row["name"]).objects.values()]
+            jointed = sum(library.kind(name) == "articulated" for name in classes)
+            steps = "several steps" if long else "one step"
+            groups.setdefault(steps, []).append(row)
+            if long:
+                groups.setdefault(f"{steps}, articulated objects: {jointed}", []).append(row)
+    found = []
+    for name, group in groups.items():
+        held, episodes = (sum(row[count] for row in group) for count in ("held", "episodes"))
+        found.append((name, str(len(group)), f"{held} of {episodes}", _rate(group).rpartition(" of ")[0]))
+    return markdown_table(["tasks with", "tasks", "held", "success rate"], found)
 
 
 def aims(rows: Sequence[Row]) -> str:
@@ -206,9 +229,10 @@ def _of(rows: Sequence[Row], what: str) -> list[Row]:
     return [row for row in rows if row["what"] == what]
 
 
-def _tasks(rows: Sequence[Row], long: bool) -> list[Row]:
-    """Return the rows of tasks with several steps (``long``), or with one step."""
-    return [row for row in _of(rows, "task") if (len(load_task(row["name"]).steps) > 1) == long]
+def _tasks(rows: Sequence[Row], long: bool, origin: str = PAPER) -> list[Row]:
+    """Return the rows of an origin's tasks with several steps (``long``), or with one step."""
+    known = [(row, load_task(row["name"])) for row in _of(rows, "task")]
+    return [row for row, task in known if origin_of(task) == origin and (len(task.steps) > 1) == long]
 
 
 def _count(row: Row) -> str:
@@ -233,6 +257,9 @@ def main() -> None:
         "causes": causes,
         "long": partial(tasks, long=True),
         "long_causes": partial(causes, long=True),
+        "designed": designed,
+        "designed_causes": partial(causes, origin=DESIGNED),
+        "designed_long_causes": partial(causes, long=True, origin=DESIGNED),
     }
     fill(PAGES, MARKED, makers, rows)
 
