@@ -5,8 +5,7 @@
 The sentences come from ``sentences.toml``, which also states the steps that a person means. An outcome counts as good
 if the parser finds these steps, or if it refuses the sentence with a reason; steps that the person does not mean count
 as wrong. Each understood sentence is then carried out in random scenes with new generated objects. The planner
-estimates the scene from point clouds if the sentence is about at most one articulated object, and knows the true scene
-otherwise. With ``--scene true`` it always knows the true scene.
+estimates the scene from point clouds, or with ``--scene true`` knows the true scene.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from typing import Any
 
 import gensim2
 from gensim2.core.progress import ConsoleProgress
-from gensim2.doing.carrying_out import is_estimable
 from gensim2.doing.composing import Composed, compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.steps import SentenceError
@@ -35,11 +33,9 @@ from step_notation import in_words
 SENTENCES = Path(__file__).parent / "sentences.toml"
 
 
-def read(
-    say: str, meant: Sequence[str], library: gensim2.Library, scene: str
-) -> tuple[dict[str, Any], Composed | None]:
+def read(say: str, meant: Sequence[str], library: gensim2.Library) -> tuple[dict[str, Any], Composed | None]:
     """Parse a sentence, and return its row of the table with the task that carries it out."""
-    row: dict[str, Any] = {"say": say, "meant": list(meant), "steps": [], "reason": None, "task": None, "scene": None}
+    row: dict[str, Any] = {"say": say, "meant": list(meant), "steps": [], "reason": None, "task": None}
     try:
         steps = parse(say)
         composed = compose(steps, library, "panda")
@@ -49,41 +45,37 @@ def read(
     row["steps"] = [in_words(step) for step in steps]
     row["outcome"] = "as meant" if row["steps"] == row["meant"] else "not as meant"
     row["task"] = composed.task.name
-    row["scene"] = scene if is_estimable(steps) else "true"
     return row, composed if row["outcome"] == "as meant" else None
 
 
 def measure(rows: list[dict[str, Any]], tasks: dict[str, Composed], out: Path, arguments: argparse.Namespace) -> None:
     """Run the tasks of all understood sentences, and add the results to their rows."""
-    for scene in ("perceived", "true"):
-        names = sorted({row["task"] for row in rows if row["task"] in tasks and row["scene"] == scene})
-        if not names:
-            continue
-        for name in names:
-            write_task(out / "written" / name, tasks[name].task, tasks[name].strategies)
-        with ConsoleProgress() as progress:
-            result = gensim2.benchmark(
-                [str(out / "written" / name) for name in names],
-                runs=1,
-                episodes=arguments.episodes,
-                seed=arguments.seed,
-                out=out / scene,
-                resume=(out / scene / "run.json").exists(),
-                workers=arguments.workers,
-                assets="builtin",
-                instances="new",
-                scene_source=scene,
-                progress=progress,
-            )
-        found = {row.task.name: row.episodes for row in result.rows}
-        for row in rows:
-            if row["task"] in found and row["scene"] == scene:
-                episodes = found[row["task"]]
-                row["episodes"] = len(episodes)
-                row["held"] = sum(each.held for each in episodes)
-                row["strict"] = sum(each.strict for each in episodes)
-                row["stopped"] = sum(not each.truncated for each in episodes)
-                row["causes"] = dict(Counter(str(each.cause) for each in episodes if each.cause is not None))
+    scene = arguments.scene
+    for name, composed in tasks.items():
+        write_task(out / "written" / name, composed.task, composed.strategies)
+    with ConsoleProgress() as progress:
+        result = gensim2.benchmark(
+            [str(out / "written" / name) for name in sorted(tasks)],
+            runs=1,
+            episodes=arguments.episodes,
+            seed=arguments.seed,
+            out=out / scene,
+            resume=(out / scene / "run.json").exists(),
+            workers=arguments.workers,
+            assets="builtin",
+            instances="new",
+            scene_source=scene,
+            progress=progress,
+        )
+    found = {row.task.name: row.episodes for row in result.rows}
+    for row in rows:
+        if row["task"] in found:
+            episodes = found[row["task"]]
+            row["episodes"] = len(episodes)
+            row["held"] = sum(each.held for each in episodes)
+            row["strict"] = sum(each.strict for each in episodes)
+            row["stopped"] = sum(not each.truncated for each in episodes)
+            row["causes"] = dict(Counter(str(each.cause) for each in episodes if each.cause is not None))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -99,14 +91,13 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "meant as steps and understood": sum(row["outcome"] == "as meant" for row in asked),
         "to be refused and refused": sum(row["outcome"] == "refused" for row in rows if not row["meant"]),
     }
-    for scene in ("perceived", "true", None):
-        done = [row for row in rows if "held" in row and scene in (row["scene"], None)]
-        episodes = sum(row["episodes"] for row in done)
-        if episodes:
-            held = sum(row["held"] for row in done)
-            figures[f"held, {scene or 'all'} scenes"] = [held, episodes, *interval(held, episodes)]
-            figures[f"strict, {scene or 'all'} scenes"] = [sum(row["strict"] for row in done), episodes]
-            figures[f"stopped, {scene or 'all'} scenes"] = [sum(row["stopped"] for row in done), episodes]
+    done = [row for row in rows if "held" in row]
+    episodes = sum(row["episodes"] for row in done)
+    if episodes:
+        held = sum(row["held"] for row in done)
+        figures["held"] = [held, episodes, *interval(held, episodes)]
+        figures["strict"] = [sum(row["strict"] for row in done), episodes]
+        figures["stopped"] = [sum(row["stopped"] for row in done), episodes]
     return figures
 
 
@@ -123,7 +114,7 @@ def main() -> None:
     library = gensim2.open_library("builtin")
     rows, tasks = [], dict[str, Composed]()
     for each in tomllib.loads(arguments.sentences.read_text())["sentences"]:
-        row, composed = read(each["say"], each["meant"], library, arguments.scene)
+        row, composed = read(each["say"], each["meant"], library)
         rows.append(row)
         if composed is not None:
             tasks[composed.task.name] = composed

@@ -86,6 +86,16 @@ def test_a_body_beside_an_object_is_a_part_of_it_if_the_class_stays_probable(
     assert runs(labels, [box, piece]) == [{0}, {0 if is_part else NOTHING}]
 
 
+@pytest.mark.parametrize(("chance", "is_part"), [(0.0, False), (0.1, True)])
+def test_a_body_beside_an_object_that_is_too_small_alone_must_make_its_class_possible(
+    chance: float, *, is_part: bool
+) -> None:
+    box, piece = block(0.0, 0.0), block(0.12 + BESIDE - 0.005, 0.0, side=0.06)
+    both = np.concatenate([box, piece])
+    labels = first_division(both, 0.0, [BOX], chances_of((box, {BOX: 0.0}), (piece, {BOX: 0.0}), (both, {BOX: chance})))
+    assert runs(labels, [box, piece]) == [{0}, {0 if is_part else NOTHING}]
+
+
 def test_later_clouds_are_divided_by_the_places_of_the_bodies() -> None:
     box, drawer, thing = block(0.0, 0.3), block(0.0, -0.3), block(0.4, 0.3, side=0.06)
     bodies, by = [box, drawer], np.float32([0.0, 0.01, 0.0])

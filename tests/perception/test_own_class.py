@@ -115,7 +115,7 @@ def test_the_other_classes_are_learned_from_generated_objects(extended: Path) ->
 def test_half_of_a_batch_shows_the_new_class_and_the_classifier_is_told(extended: Path) -> None:
     parts = [examples(extended, name) for name in (*KNOWN, CLASS)]
     arrays = {key: np.concatenate([each[key] for each in parts]) for key in parts[0]}
-    batch = Examples(arrays, [2]).batch(rng(0, "shares"), 300)
+    batch = Examples(arrays, [False, False, True]).batch(rng(0, "shares"), 300)
     shares = np.bincount(batch["class"].numpy()) / 300
     np.testing.assert_allclose(shares, [0.25, 0.25, 0.5], atol=0.08)
     # A classifier that knows nothing prefers the new class by the square root of its share.
@@ -128,6 +128,23 @@ def test_half_of_a_batch_shows_the_new_class_and_the_classifier_is_told(extended
     chances /= chances.sum()
     smoothed = 0.95 * -np.log(chances[truth]).mean() + 0.05 * -np.log(chances).mean()
     assert losses(network, few)["class"].item() == pytest.approx(smoothed, rel=1e-5)
+
+
+def test_a_class_without_clouds_has_a_prior_too() -> None:
+    arrays = {"class": np.array([0, 0, 1]), "group": np.zeros((3, 4), dtype=np.uint8)}
+    prior = Examples(arrays, [True, False, False])._prior["log_prior"]
+    np.testing.assert_allclose(prior.exp(), np.sqrt([0.5, 0.5, 1e-9]), rtol=1e-5)
+
+
+def test_a_class_that_no_camera_sees_is_refused(known: Path, pianos: Path) -> None:
+    """The pianos are 3 mm high."""
+    library = pianos.parent / "tiny"
+    for number, file in enumerate(write_pianos(pianos.parent / "tiny_urdf", 3)):
+        import_object(file, library, CLASS, str(number), scale=0.01, like=None if number == 0 else "0")
+    with pytest.raises(InputError, match=f"class {CLASS}: the cameras see none of its training objects"):
+        train_estimator(
+            pianos.parent / "unseen", classes=[CLASS], assets=library, start=known, others=1, **{**FEW, "objects": 3}
+        )
 
 
 def test_objects_that_cannot_be_learned_together_are_refused(known: Path, extended: Path, pianos: Path) -> None:

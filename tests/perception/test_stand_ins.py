@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from gensim2.objects import ArticulatedObject, open_library
 from gensim2.objects.library.importer import import_object
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator
 from gensim2.perception.estimation.classes import ClassConstants
+from gensim2.perception.estimation.estimator import ESTIMATOR_JSON
 from gensim2.perception.estimation.examples import object_looks
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.network import TARGET, SceneNetwork
@@ -93,6 +95,19 @@ def test_known_classes_have_no_stand_in_and_are_still_refused() -> None:
     assert tracker.mismatch["likeliest"] == "oven"
     with pytest.raises(InputError, match="does not know the class 'microwave'"):
         GoalTracker(untrained((), "oven"), {"thing": "microwave"}, ())
+
+
+@pytest.mark.parametrize("moving", [[], [True, False]])
+def test_a_class_with_too_few_or_too_many_moving_flags_is_refused(tmp_path: Path, moving: list[bool]) -> None:
+    untrained((), "oven").save(tmp_path)
+    file = tmp_path / ESTIMATOR_JSON
+    record = json.loads(file.read_text())
+    assert len(record["classes"][1]["keypoints"]) == 1
+    record["classes"][1]["moving"] = moving
+    file.write_text(json.dumps(record))
+    message = rf"estimator.json: classes\.1\.moving: needs 1 value, one for each keypoint, not {len(moving)} "
+    with pytest.raises(InputError, match=message):
+        SceneEstimator.load(tmp_path, PANDA)
 
 
 def test_stand_ins_are_saved_and_inherited(tmp_path: Path) -> None:

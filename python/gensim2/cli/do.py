@@ -61,9 +61,6 @@ def do(
     controller carries out the steps in random scenes, and ends each episode by itself. The command refuses sentences
     that it does not understand, and names the reason. The exit code is 1 if an episode fails the verdict held.
 
-    With --scene perceived, the planner can carry out instructions about rigid objects and at most one articulated
-    object. Other instructions need --scene true.
-
     Args:
         policy: Policy that acts instead of the planner. Give a checkpoint made by gensim2 learn or train, or builtin
             for the packaged policy of the single-step tasks.

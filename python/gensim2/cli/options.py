@@ -103,8 +103,7 @@ class Shared:
         scene_source: Source of the scene that the planner gets. true is the state of the simulator. perceived is the
             estimator of the package, and DIR is an estimator made by gensim2 perceive train. With an estimator, the
             planner gets estimates from point clouds, and uses them to decide when a task is done. benchmark skips tasks
-            that have several articulated objects or an object class unknown to the estimator, and demo and do refuse
-            such tasks.
+            that have an object class unknown to the estimator, and demo and do refuse such tasks.
         seed: Random seed.
         time_limit: Time after which an episode counts as hung. The episode is then repeated in a new process.
         videos: Number of episodes of each task to record as video. The videos show demonstrations, or failed episodes

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Unpack
 
-from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
 from gensim2.core.pages import template
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -20,7 +19,6 @@ from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.steps import Step
 from gensim2.objects import open_library
-from gensim2.objects.words import noun
 from gensim2.rollout.config import PERCEIVED_SCENE, EvaluationArguments, RolloutOptions
 from gensim2.rollout.controller_spec import planner_spec
 from gensim2.rollout.inputs import check_counts, scene_options
@@ -119,8 +117,7 @@ def do(
 
     Args:
         sentence: instruction in English.
-        scene_source: source of the planner's scene, as in :class:`~gensim2.rollout.config.RolloutOptions`. An estimate
-            from point clouds is possible for instructions about at most one articulated object.
+        scene_source: source of the planner's scene, as in :class:`~gensim2.rollout.config.RolloutOptions`.
         depth_noise: noise of the depth cameras for an estimated scene.
         policy: folder of a policy that acts instead of the planner, or ``"builtin"``.
         episodes: number of random scenes.
@@ -136,15 +133,14 @@ def do(
 
     Raises:
         SentenceError: the instruction is not understood or cannot be done.
-        InputError: an argument is invalid, the scene cannot be estimated, or the policy does not know the task.
+        InputError: an argument is invalid, the estimator does not know an object's class, or the policy does not know
+            the task.
         NotRunError: some episodes could not be run; call again with ``resume``.
     """
     check_counts(episodes=episodes)
     steps = parse(sentence)
     options = scene_options(**scene)
     rollout = RolloutOptions(scene_source=scene_source, depth_noise=depth_noise)
-    if policy is None and rollout.is_estimated:
-        _require_estimable(steps)
     composed = compose(steps, open_library(options.assets), options.robot)
     run_dir = Path(out) if out is not None else default_run_dir()
     given: dict[str, Any] = {"episodes": episodes, "seed": seed, "videos": videos, "out": run_dir, "resume": resume}
@@ -167,34 +163,6 @@ def do(
     files.write_strategies(composed.strategies)
     _write_page(result, run_dir)
     return result
-
-
-def is_estimable(steps: Sequence[Step]) -> bool:
-    """Return whether the scene of an instruction can be estimated from point clouds: the instruction may be about rigid
-    objects, but about at most one articulated object.
-    """
-    return len(_articulated(steps)) <= 1
-
-
-def _articulated(steps: Sequence[Step]) -> list[str]:
-    """Return the nouns of the articulated objects in an instruction."""
-    kind = open_library("builtin").kind
-    return list(dict.fromkeys(noun(each) for step in steps for each in step.classes if kind(each) == "articulated"))
-
-
-def _require_estimable(steps: Sequence[Step]) -> None:
-    """Check that the scene of an instruction can be estimated.
-
-    Raises:
-        InputError: the instruction is about several articulated objects.
-    """
-    if not is_estimable(steps):
-        raise InputError(
-            "only scenes with at most one articulated object can be estimated from point clouds, but this instruction "
-            f"is about {', '.join(_articulated(steps))}",
-            field="scene_source",
-            remedy="add --scene true, which gives the planner the true scene of the simulator",
-        )
 
 
 def _told(episode: Episode, task: TaskSpec) -> dict[str, Any]:

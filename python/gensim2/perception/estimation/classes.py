@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from gensim2.core.errors import InputError
+from gensim2.core.plural import plural
 from gensim2.objects.types import ArticulatedObject
 
 Array = npt.NDArray[np.float64]
@@ -52,6 +53,14 @@ class ClassConstants(BaseModel):
     frame: tuple[Row, Row, Row]
     span: tuple[Positive, Positive] | None = None
     least_extent: Positive | None = None
+
+    @field_validator("moving")
+    @classmethod
+    def _fits(cls, moving: tuple[bool, ...], info: ValidationInfo) -> tuple[bool, ...]:
+        keypoints = info.data.get("keypoints", ())  # invalid keypoints are missing here, and have an error of their own
+        if keypoints and len(moving) != len(keypoints):
+            raise ValueError(f"needs {plural(len(keypoints), 'value')}, one for each keypoint, not {len(moving)}")
+        return moving
 
     @staticmethod
     def of(model: ArticulatedObject) -> ClassConstants:

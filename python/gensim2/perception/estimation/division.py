@@ -28,7 +28,7 @@ table, and of a cluster that does not.
 """
 LEAST_RATIO = 0.5
 """A cluster beside an object is a part of this object only if the probability of the object's class, with the cluster,
-is at least this fraction of the probability without the cluster.
+is positive and at least this fraction of the probability without the cluster.
 """
 LEAST_CHANCE = 1e-9
 """Probability of a class that replaces smaller ones, so that their logarithms are finite."""
@@ -106,10 +106,12 @@ def _joined(
         if (labels == number).any()
     }
     for number in sorted(gaps, key=gaps.__getitem__):
+        if gaps[number] > BESIDE:
+            continue
         own = cloud[labels == number]
-        if gaps[number] <= BESIDE and chances(np.concatenate([own, cloud[rows]]), classes[number]) >= (
-            LEAST_RATIO * chances(own, classes[number])
-        ):
+        joined = chances(np.concatenate([own, cloud[rows]]), classes[number])
+        # The probability without the body may be 0, because the body is needed for the minimum size of the class.
+        if joined > 0.0 and joined >= LEAST_RATIO * chances(own, classes[number]):
             return number
     return NOTHING
 

@@ -102,8 +102,8 @@ def train_estimator(
     """Generate labelled clouds, train an estimator, and calibrate the standard deviations that it predicts.
 
     Args:
-        out: folder for the examples, the state of the training run and the estimator (``config.json`` and
-            ``weights.safetensors``).
+        out: folder for the examples, the state of the training run and the estimator (``estimator.json`` and
+            ``weights-*.safetensors``).
         classes: classes of articulated objects; empty: all classes of the library.
         assets: library of the objects, as for :func:`~gensim2.objects.open_library`.
         robot_name: name of the robot in the scenes.
@@ -128,8 +128,8 @@ def train_estimator(
 
     Raises:
         InputError: a class is unknown or rigid, the objects of a class have different keypoints, ``objects_of`` or
-            ``stand_ins`` names a class that is not trained, ``out`` contains a different training run, or there are no
-            objects of a class of the estimator ``start``.
+            ``stand_ins`` names a class that is not trained, ``out`` contains a different training run, there are no
+            objects of a class of the estimator ``start``, or the cameras see no training object of a class.
     """
     library, profile = open_library(assets), robot(robot_name)
     names = tuple(classes) or tuple(name for name in library.classes() if library.kind(name) == "articulated")
@@ -189,7 +189,7 @@ def train_estimator(
         )
         if (out / TRAINING / STATE_JSON).exists():
             state.load(out / TRAINING, identity)
-        source = Examples(arrays, [order.index(name) for name in names] if others_of else None)
+        source = Examples(arrays, [name in names for name in order] if others_of else None)
 
         def gradients(step: int) -> float:
             found = losses(network, source.batch(rng(seed, "perception/step", step), batch))
@@ -298,6 +298,9 @@ def _examples(
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
     """Return class constants, training examples and calibration examples; generate examples that are missing. The
     constants ``before`` lack values that follow from the examples.
+
+    Raises:
+        InputError: the cameras see none of the training objects of a class.
     """
     names = [each.name for each in classes]
     instances = [each.instances(seed) for each in classes]
@@ -315,7 +318,10 @@ def _examples(
                 ranges.append(np.ptp(found["limits"], axis=1))
                 extents += _extents(found)
             progress.advance()
-        if ranges and not each.is_other:
+        if not training or row not in training[-1]["class"]:
+            remedy = f"check the size of its objects: gensim2 assets show {each.name}/{kept[0]}"
+            raise InputError("the cameras see none of its training objects", field=f"class {each.name}", remedy=remedy)
+        if not each.is_other:
             constants[row] = constants[row].over(np.concatenate(ranges), float(np.quantile(extents, LEAST_QUANTILE)))
     return tuple(constants), _joined(training), _joined(held_out or training[:1])
 
@@ -385,22 +391,22 @@ class Examples:
         arrays: arrays with one row for each labelled cloud: the arrays that
             :func:`~gensim2.perception.estimation.examples.example` returns, and the array ``features`` (..., N, 5).
             This array contains the points' features times 127 as int8.
-        trained: indices of the classes that get the fraction ``TRAINED_SHARE`` of a batch; the other classes share the
-            rest. The loss of the classes then takes into account how often each class is sampled, so that the network
-            prefers the trained classes less. None: no class is preferred.
+        trained: for each class, whether the class is trained. The trained classes get the fraction ``TRAINED_SHARE`` of
+            a batch, and the other classes share the rest. The loss of the classes then takes into account how often
+            each class is sampled, so that the network prefers the trained classes less. None: no class is preferred.
     """
 
-    def __init__(self, arrays: Arrays, trained: Sequence[int] | None = None) -> None:
+    def __init__(self, arrays: Arrays, trained: Sequence[bool] | None = None) -> None:
         self._arrays = arrays
         _, number, counts = np.unique(arrays["class"], return_inverse=True, return_counts=True)
         self._chance = 1.0 / np.sqrt(counts[number])
         self._chance /= self._chance.sum()
         self._prior: dict[str, torch.Tensor] = {}
         if trained is not None:
-            preferred = np.isin(arrays["class"], trained)
+            preferred = np.array(trained)[arrays["class"]]
             for rows, share in ((preferred, TRAINED_SHARE), (~preferred, 1.0 - TRAINED_SHARE)):
                 self._chance[rows] *= share / self._chance[rows].sum()
-            shares = np.bincount(arrays["class"], self._chance)
+            shares = np.bincount(arrays["class"], self._chance, minlength=len(trained))
             self._prior["log_prior"] = PRIOR * torch.from_numpy(np.log(np.maximum(shares, 1e-9))).float()
 
     def batch(self, generator: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
