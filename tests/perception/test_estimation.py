@@ -24,6 +24,7 @@ from gensim2.objects import ArticulatedObject, open_library
 from gensim2.perception import ObservationSpec
 from gensim2.perception.cloud import from_steps, to_steps
 from gensim2.perception.estimation import PerceivingChain, SceneEstimator, deformation
+from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import ClassConstants, by_name
 from gensim2.perception.estimation.deformation import _stretched_openness, deformed
 from gensim2.perception.estimation.episodes import _model, _state
@@ -761,9 +762,6 @@ def test_an_openness_that_the_clouds_refute_is_discarded(asset_class: str, first
         assert np.linalg.norm(at - after.keypoints[name]) < 0.02
     # The points near the moved part are those of the moving part.
     assert (found.moving & after.moving).sum() > 0.9 * after.moving.sum()
-    # If the openness before the motion is less certain, the displacement does not determine the openness alone.
-    lost_before = Track(before.at(first, 0.4), looks[0].cloud.xyz, none)
-    assert lost_before.after(wrong, looks[1].cloud.xyz, none, -1).found.joint.openness > 0.3
 
 
 def test_a_joint_that_resists_after_it_has_moved_is_at_the_end_of_its_range() -> None:
@@ -774,9 +772,8 @@ def test_a_joint_that_resists_after_it_has_moved_is_at_the_end_of_its_range() ->
     assert track.after(unsure, looks[1].cloud.xyz, none, -1, is_pressed=True).found.joint.openness == 0.0
     # An openness that the new cloud does not show is no evidence against the end.
     vague = Track(before.at(0.9, 0.4), looks[0].cloud.xyz, none)
-    for deviation in (0.25, 0.45):
-        ended = vague.after(after.at(0.5, deviation), looks[1].cloud.xyz, none, -1, is_pressed=True).found.joint
-        assert (ended.openness == 0.0) == (deviation > UNKNOWN)
+    ended = vague.after(after.at(0.5, 1.5 * UNKNOWN), looks[1].cloud.xyz, none, -1, is_pressed=True).found.joint
+    assert ended.openness == 0.0
     # Resistance says nothing about the joint if nothing has moved.
     assert track.after(before, looks[0].cloud.xyz, none, -1, is_pressed=True).found.joint.openness > 0.7
 
@@ -792,8 +789,12 @@ def test_a_part_that_no_camera_sees_any_more_is_at_the_end_of_its_range() -> Non
         gone = track.after(guess, rest, none, goal)
         assert gone.found.joint.openness == openness
         assert goal * gone.moved > 0.0
-        # The next cloud is compared with the last one that showed the part.
-        assert gone.after(before, look.cloud.xyz, none, goal).found.joint.openness == pytest.approx(0.5, abs=0.25)
+        # A cloud after a second motion that does not show the part changes nothing.
+        again = track.after(before, look.cloud.xyz, none, goal).after(guess, rest, none, goal)
+        assert again.found.joint.openness == openness
+        few = rest[: len(rest) // 2]
+        short = replace(guess, points=np.arange(len(few)), moving=np.zeros(len(few), dtype=bool))
+        assert again.after(short, few, none, goal).found.points.max() < len(few)
     assert track.after(guess, rest, none, 0).found.joint.openness not in (0.0, 1.0)
     assert track.after(before, look.cloud.xyz, none, -1).found.joint.openness == pytest.approx(0.5, abs=0.01)
 
@@ -958,3 +959,45 @@ def test_a_moved_estimator_and_a_changed_noise_are_told_apart(trained: Path, tmp
     assert digest(moved) == first
     noise.write_text("a: 2")
     assert digest(moved) != first
+
+
+def bucket(angle: float, yaw: float) -> tuple[npt.NDArray[np.float32], Array]:
+    """Return points of a round bucket with a bail (N, 3), m, and the middle of the bail's arch."""
+    draw = rng(0, "bucket")
+    around, height = draw.uniform(-np.pi, np.pi, 700), draw.uniform(0.0, 0.2, 700)
+    wall = np.stack([0.1 * np.cos(around), 0.1 * np.sin(around), height], axis=1)
+    along = np.linspace(0.0, np.pi, 40)
+    tilt = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+    arch = np.stack([0.1 * np.cos(along), np.zeros(40), 0.12 * np.sin(along)], axis=1) @ tilt.T + [0.0, 0.0, 0.19]
+    turn = Rotation.from_euler("z", yaw).as_matrix()
+    middle = tilt @ [0.0, 0.0, 0.12] + [0.0, 0.0, 0.19]
+    return (np.concatenate([wall, arch]) @ turn.T).astype(np.float32), turn @ middle
+
+
+@pytest.mark.parametrize("angle", [-1.0, -0.3, 0.2, 0.9])
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_the_bail_of_a_bucket_is_measured(angle: float, yaw: float) -> None:
+    points, middle = bucket(angle, yaw)
+    axis = Rotation.from_euler("z", yaw).apply([1.0, 0.0, 0.0])
+    off = Rotation.from_euler("z", 0.4).apply(axis)
+    found = raised_bail(points, off, np.array([0.02, 0.03, 0.19]))
+    assert found is not None
+    assert np.degrees(np.arccos(found.axis @ axis)) < 3.0
+    assert found.angle == pytest.approx(angle, abs=0.06)
+    assert np.linalg.norm(found.middle - middle) < 0.012
+    assert not found.points[:700].any()
+    assert np.linalg.norm(found.origin[:2]) < 0.015
+    # The opposite direction of the estimated axis gives the opposite angle.
+    opposite = raised_bail(points, -off, np.array([0.0, 0.0, 0.19]))
+    assert opposite is not None
+    assert opposite.angle == pytest.approx(-angle, abs=0.06)
+
+
+def test_a_bail_on_the_rim_is_not_measured() -> None:
+    points, _ = bucket(1.5, 0.3)
+    assert raised_bail(points, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.19])) is None
+    assert raised_bail(points[:700], np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.19])) is None
+
+
+def test_only_buckets_and_bags_have_bails() -> None:
+    assert {each.name for each in SceneEstimator.load().classes if each.is_bail} == {"bucket_swing", "bag_swing"}

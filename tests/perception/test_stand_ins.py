@@ -110,6 +110,14 @@ def test_a_class_with_too_few_or_too_many_moving_flags_is_refused(tmp_path: Path
         SceneEstimator.load(tmp_path, PANDA)
 
 
+def test_unknown_stand_ins_in_a_file_are_refused(tmp_path: Path) -> None:
+    untrained(("oven",), "oven").save(tmp_path)
+    file = tmp_path / ESTIMATOR_JSON
+    file.write_text(file.read_text().replace('"stand_ins": [\n    "oven"', '"stand_ins": [\n    "drawer"'))
+    with pytest.raises(InputError, match=r"estimator.json: stand_ins: the estimator has no class 'drawer'"):
+        SceneEstimator.load(tmp_path, PANDA)
+
+
 def test_stand_ins_are_saved_and_inherited(tmp_path: Path) -> None:
     untrained(("oven",), "oven").save(tmp_path / "first")
     assert [each.name for each in SceneEstimator.load(tmp_path / "first", PANDA).stand_ins] == ["oven"]

@@ -89,8 +89,10 @@ class ArticulatedTracker:
         kinds = {type(each) for each in criteria if self.name in each.objects}
         self.goal = (ArticulatedOpen in kinds) - (ArticulatedClosed in kinds)
         self.moves_joint = any(issubclass(kind, JOINT) for kind in kinds)
+        if self._before is not None:
+            self._before = replace(self._before, moved=0.0, misses=0)
         if self.track is not None:
-            self.track = replace(self.track, moved=0.0, misses=0)
+            self.track = replace(self.track if self._before else self._begun(self.track), moved=0.0, misses=0)
 
     def begin_motion(self, rigid: RigidTracker) -> None:
         """Keep the latest estimate: after the motion, the displacement of the joint is measured against its cloud."""
@@ -117,7 +119,8 @@ class ArticulatedTracker:
         [found] = estimate.objects
         rows = np.flatnonzero(groups == TARGET)
         moving = _nearest_labels(cloud[rows], seen[found.points], found.moving)
-        return SceneEstimate((replace(found, points=rows, moving=moving),), others)
+        dense = replace(found, points=rows, moving=moving)
+        return SceneEstimate((self._estimator.measured(dense, cloud),), others)
 
     def _estimated(self, cloud: Points) -> SceneEstimate:
         kind = self._kind or self._estimator.stand_in(cloud, JOINT_TYPES.get(self.asset_class))
@@ -126,6 +129,10 @@ class ArticulatedTracker:
     def why_absent(self, cloud: Points, seen: SceneEstimate) -> dict[str, Any] | None:
         """Return why an estimate of a cloud (N, 3) does not show the object, as plain data; None if it does."""
         return why_absent(seen.objects[0] if seen.objects else None, cloud, self._known)
+
+    def is_shown(self, seen: SceneEstimate) -> bool:
+        """Return whether an estimate shows enough of the object to change what is known about it."""
+        return bool(seen.objects) and len(seen.objects[0].points) >= LEAST_SEEN * self._seen_at_first
 
     def foresee(self, cloud: Points, seen: SceneEstimate, rigid: RigidTracker) -> bool:
         """Move the carried objects to where the moving part has carried them, before a cloud shows them. Return whether
@@ -136,7 +143,7 @@ class ArticulatedTracker:
             seen: estimate of these points.
             rigid: tracker of the rigid objects.
         """
-        if not self.carried or self._before is None or not seen.objects:
+        if not self.carried or self._before is None or not self.is_shown(seen):
             return False
         [found] = seen.objects
         measured = self._before.displacement(found, cloud, self.goal, is_expected=self.moves_joint)
@@ -154,18 +161,15 @@ class ArticulatedTracker:
             rigid: tracker of the rigid objects. Objects in the moving part move with the joint.
             is_pressed: whether the object has blocked the arm in the latest motion; None: unknown.
         """
-        found = seen.objects[0] if seen.objects else None
-        if found is None or len(found.points) < LEAST_SEEN * self._seen_at_first:
+        if not self.is_shown(seen):
             self.track = None if self.track is None else replace(self.track, change=None)
             return
+        [found] = seen.objects
         self._seen_at_first = self._seen_at_first or len(found.points)
         classes = self._estimator.classes
         self._kind = self._kind or classes[by_name(classes, found.asset_class)]
-        if self._before is None and self.goal and found.joint.openness_deviation > UNKNOWN:
-            # The hand then moves the joint over its whole range.
-            found = found.at(0.5 - 0.5 * self.goal, found.joint.openness_deviation)
         self.track = (
-            Track(found, cloud, seen.others)
+            self._begun(Track(found, cloud, seen.others))
             if self._before is None
             else self._before.after(
                 found, cloud, seen.others, self.goal, is_expected=self.moves_joint, is_pressed=is_pressed
@@ -177,6 +181,16 @@ class ArticulatedTracker:
             if len(moving) >= LEAST_POINTS:
                 self._floors.append(float(np.quantile(moving[:, 2], LOWEST)))
         self.rest_on_floor(rigid)
+
+    def _begun(self, track: Track) -> Track:
+        """Return the track of the first cloud at the start of a step. A joint of unknown openness counts as being at
+        the end that is away from the goal, so that the hand moves it over its whole range.
+        """
+        found = track.latest or track.found
+        if not self.goal or found.joint.openness_deviation <= UNKNOWN:
+            return replace(track, found=found)
+        begun = found.at(0.5 - 0.5 * self.goal, found.joint.openness_deviation)
+        return replace(track, found=begun, latest=found)
 
     def carry(self, change: float | None, rigid: RigidTracker) -> None:
         """Move the hidden objects in the moving part by a displacement (rad or m) of the joint since the latest motion
@@ -262,7 +276,7 @@ class ArticulatedTracker:
         """Return the latest estimate as an object of the planner's scene, whose boxes are in cells of a side (m)."""
         assert self.track is not None
         profile, cloud = self._estimator.profile, self.track.cloud
-        floor = None if self.floor is None else self.floor - float(profile.T_world_base[2, 3])
+        floor = None if self.floor is None or not self.has_floor else self.floor - float(profile.T_world_base[2, 3])
         return scene_object(self.name, raised(self.track.to_plan, cloud, profile), cloud, floor)
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:

@@ -114,10 +114,7 @@ class _Chain(ChainController):
 
     def _begin(self, observation: PrivilegedObservation) -> bool:
         self._blocked = 0
-        has_begun = super()._begin(observation)
-        if has_begun:
-            self.is_pressed = False
-        return has_begun
+        return super()._begin(observation)
 
     def _variants(self, strategy: Strategy, scene: Scene) -> Sequence[Strategy]:
         """A grasped object is placed near the middle of the strategy's tolerance if possible, because the estimated
@@ -358,6 +355,7 @@ class PerceivingChain:
             self._begin_step(observation)
         if self._chain.motions > self._goal.motions:
             self._goal.begin_motion()
+            self._chain.is_pressed = False
         if action is None and self._chain.is_finished and self._last is not None:
             if self._checked == MAX_CHECKS:
                 return None
@@ -385,8 +383,8 @@ class PerceivingChain:
         which reports this.
         """
         assert observation.cloud is not None, "the cameras were asked for"
-        is_pressed = bool(self.looks) and self._chain.is_pressed
-        self._goal.take_in(observation.cloud.xyz, is_pressed=is_pressed)
+        pressed = {self._step.object: self._chain.is_pressed} if self.looks else {}
+        self._goal.take_in(observation.cloud.xyz, pressed)
         if self._goal.mismatch is not None:
             name = self._task.steps[0].name
             self._refusal = Event(observation.step, name, Cause.OBJECT_NOT_SEEN, self._goal.mismatch)

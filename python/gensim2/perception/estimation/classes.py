@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 SLOTS = 3
 """Maximum number of keypoints of a class."""
 
+HALF_TURN = 2.5
+"""Minimum joint range (rad) of a bail."""
+
 DIRECTIONS: Array = np.concatenate([np.eye(3), -np.eye(3)])
 """Possible joint axes (6, 3) of an object in its default placement: the world's axes in both directions."""
 
@@ -61,6 +64,13 @@ class ClassConstants(BaseModel):
         if keypoints and len(moving) != len(keypoints):
             raise ValueError(f"needs {plural(len(keypoints), 'value')}, one for each keypoint, not {len(moving)}")
         return moving
+
+    @property
+    def is_bail(self) -> bool:
+        """Whether the joint swings a bail, the arched handle of a bucket, from one side of the object to the other."""
+        swings = self.joint_type == "revolute" and self.span is not None and self.span[0] >= HALF_TURN
+        # The y axis of an object is vertical.
+        return swings and self.object_axis != "y" and self.moving == (True,)
 
     @staticmethod
     def of(model: ArticulatedObject) -> ClassConstants:

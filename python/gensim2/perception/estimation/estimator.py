@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 import numpy.typing as npt
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from scipy.spatial.transform import Rotation
 
 from gensim2.core.files import write_json
@@ -24,6 +24,7 @@ from gensim2.core.weights import (
     write_weights,
 )
 from gensim2.objects.types import joint_motion
+from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
 from gensim2.perception.estimation.network import NEIGHBORS, OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
@@ -58,6 +59,10 @@ MOST_REFINED = 0.2
 """Maximum correction of the yaw that upright surfaces may cause, rad."""
 LEAST_SPAN, MOST_SPAN = 0.8, 1.8
 """Range of the estimated joint range, as multiples of the smallest and largest joint range of the training objects."""
+MEASURED, MEASURED_OPENNESS = 0.01, 0.05
+"""Standard deviations of the axis position and the keypoint (m) and of the openness of a bail that is measured."""
+LOWERED = 0.31
+"""Minimum standard deviation of the openness of a bail that cannot be measured, because it is on the rim."""
 OPEN_ENOUGH = 0.4
 """Minimum estimated openness of a sliding part at which its visible points show its width."""
 EDGES = (0.05, 0.95)
@@ -175,6 +180,15 @@ class _Record(BaseModel):
     file: FileName
     sha256: Digest
 
+    @field_validator("stand_ins")
+    @classmethod
+    def _are_known(cls, stand_ins: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        known = info.data.get("classes", ())  # invalid classes are missing here, and have an error of their own
+        for name in stand_ins if known else ():
+            if name not in [each.name for each in known]:
+                raise ValueError(f"the estimator has no class {name!r}")
+        return stand_ins
+
 
 def estimator_folder(place: Path | str) -> Path:
     """Return an estimator's folder; ``"builtin"`` stands for the estimator that comes with the package.
@@ -272,7 +286,13 @@ class SceneEstimator:
             mask, others = group == TARGET, np.flatnonzero(group[0].numpy() == OTHER)
             if int(mask.sum()) < LEAST_POINTS:
                 return SceneEstimate((), others)
-            return SceneEstimate((self._object(seen, mask, found, more, given),), others)
+            estimate = self._object(seen, mask, found, more, given)
+        return SceneEstimate((self.measured(estimate, found),), others)
+
+    def measured(self, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
+        """Return an estimate that is corrected by the points (N, 3) of its cloud, if the object has a bail."""
+        kind = self.classes[by_name(self.classes, found.asset_class)]
+        return with_bail(found, cloud) if self.refine and kind.is_bail else found
 
     def stand_in(self, xyz: Points, joint_type: str | None = None) -> ClassConstants:
         """Return the most probable stand-in for the object in a point cloud, whose class is unknown.
@@ -353,6 +373,32 @@ class SceneEstimator:
             object_axis=kind.object_axis,
             moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),
         )
+
+
+def with_bail(found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
+    """Return an estimate of a bucket whose bail is measured in the points (N, 3) of its cloud. If the bail is on the
+    rim, the points do not show on which side, and the openness becomes uncertain.
+    """
+    joint = found.joint
+    bail = raised_bail(cloud[found.points], joint.axis, joint.origin)
+    if bail is None:
+        return found.at(joint.openness, max(joint.openness_deviation, LOWERED))
+    turn = float(np.arctan2(np.cross(joint.axis, bail.axis)[2], joint.axis @ bail.axis))
+    T, name = found.T_base_object.copy(), found.moving_keypoints[0]
+    T[:3, :3] = Rotation.from_euler("z", turn).as_matrix() @ T[:3, :3]
+    measured = replace(
+        joint, axis=bail.axis, origin=bail.origin, origin_deviation=MEASURED, hypotheses=((bail.axis, 1.0),)
+    )
+    openness = float(np.clip(0.5 + bail.angle / (joint.upper - joint.lower), 0.0, 1.0))
+    return replace(
+        found,
+        joint=measured,
+        yaw=found.yaw + turn,
+        T_base_object=T,
+        moving=bail.points,
+        keypoints={**found.keypoints, name: bail.middle},
+        keypoint_deviations={**found.keypoint_deviations, name: MEASURED},
+    ).at(openness, MEASURED_OPENNESS)
 
 
 def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointEstimate) -> dict[str, Array]:

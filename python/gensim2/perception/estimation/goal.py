@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from gensim2.perception.estimation.articulated_tracking import ArticulatedTracke
 from gensim2.perception.estimation.division import NOTHING, Labels, first_division, next_division
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
 from gensim2.perception.estimation.examples import SETTINGS
-from gensim2.perception.estimation.rigid import RigidEstimate, clusters, shape_of
+from gensim2.perception.estimation.rigid import clusters, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import planning_scene
 from gensim2.planning.scene import Scene
@@ -94,8 +95,8 @@ class GoalTracker:
         self.motions = 0
         self.mismatch: dict[str, Any] | None = None
         self.rigid.reset()
-        # Names of rigid objects that were at their goal when a step began, and that have not left it since.
-        self._placed: set[str] = set()
+        # Centres (3,) of the rigid objects that were at their goal when a step began, and that have not left it since.
+        self._placed: dict[str, Array] = {}
         for each in self.articulated.values():
             each.reset(self._success)
         self._first_motion = 0
@@ -121,7 +122,7 @@ class GoalTracker:
         for name in self.rigid.shapes.keys() - {self.rigid.held}:
             asked = tuple(each for each in self._success if name in each.objects)
             if name in left or (asked and all_hold(asked, measured)):
-                self._placed.add(name)
+                self._placed.setdefault(name, self.rigid.found[name].center)
         self._first_motion = self.motions
         for each in self.articulated.values():
             each.begin_step(done)
@@ -138,16 +139,17 @@ class GoalTracker:
             # The hand has taken the object out of the moving part.
             for each in self.articulated.values():
                 each.carried.pop(name, None)
-            self._placed.discard(name)
+            self._placed.pop(name, None)
             self._handled.add(name)
         self.rigid.hold(name, T_world_object)
 
-    def take_in(self, cloud: Points, *, is_pressed: bool | None = None) -> None:
+    def take_in(self, cloud: Points, pressed: Mapping[str, bool] = MappingProxyType({})) -> None:
         """Estimate the objects in a cloud. The estimate of a hidden object is not changed.
 
         Args:
             cloud: (N, 3) points in the base frame, m, without points of the robot.
-            is_pressed: whether the object has blocked the arm in the latest motion; None: unknown.
+            pressed: by the name of an object, whether it has blocked the arm in the latest motion. For other objects,
+                this is unknown.
         """
         cloud = np.unique(cloud, axis=0)
         labels = self._divided(cloud)
@@ -168,8 +170,8 @@ class GoalTracker:
                 named = {"object": each.name} if len(self._objects) > 1 else {}
                 self.mismatch = self.mismatch or {**named, "class": each.asset_class, **why}
             if self.mismatch is None:
-                each.take_in(part, seen, self.rigid, is_pressed=is_pressed)
-            if len(rows):
+                each.take_in(part, seen, self.rigid, is_pressed=pressed.get(each.name))
+            if each.is_shown(seen):
                 self._bodies[number] = part
         self._others = _without_strays(cloud[labels == NOTHING])
         self.looks.append(SceneEstimate(tuple(objects), np.sort(np.concatenate(others))))
@@ -213,9 +215,10 @@ class GoalTracker:
         T = self.estimator.profile.T_world_base
         points = cloud @ T[:3, :3].T + T[:3, 3]
         carried = {name for each in self.articulated.values() for name in each.carried}
-        before = dict(self.rigid.found)
         own = self.rigid.take_in(points, of_articulated, carried, floors, shut=shut, containers=containers)
-        self._placed -= {name for name in self._placed - carried if self._has_left(name, before[name])}
+        for name in carried & self._placed.keys():
+            self._placed[name] = self.rigid.found[name].center
+        self._placed = {name: place for name, place in self._placed.items() if not self._has_left(name, place)}
         for each in self.articulated.values():
             each.carried = {name: found for name, found in each.carried.items() if self.rigid.is_hidden(name)}
         if not self.looks and self.rigid.missing:
@@ -223,9 +226,9 @@ class GoalTracker:
             self.mismatch = {"object": name, "class": self._objects[name]}
         return own
 
-    def _has_left(self, name: str, before: RigidEstimate) -> bool:
-        """Return whether the latest cloud shows a rigid object more than ``LEFT`` away from its estimate ``before``."""
-        away = np.linalg.norm(self.rigid.found[name].center - before.center)
+    def _has_left(self, name: str, place: Array) -> bool:
+        """Return whether the latest cloud shows a rigid object more than ``LEFT`` away from its place (3,)."""
+        away = np.linalg.norm(self.rigid.found[name].center - place)
         return not self.rigid.is_hidden(name) and bool(away > LEFT)
 
     def is_reached(self, q: Array, distrust: float = DISTRUST) -> bool:
@@ -235,7 +238,7 @@ class GoalTracker:
             q: (n,) joint values of the robot.
             distrust: safety margin, as for :meth:`measurement`.
         """
-        asked = tuple(each for each in self._success if self._placed.isdisjoint(each.objects))
+        asked = tuple(each for each in self._success if self._placed.keys().isdisjoint(each.objects))
         return all_hold(asked, self.measurement(q, distrust))
 
     def is_displaced(self, q: Array) -> bool:
@@ -248,7 +251,7 @@ class GoalTracker:
         measured = self.measurement(q, 0.0)
         moved = {name for name, each in self.articulated.items() if each.moves_joint}
         return any(
-            not set(each.objects) <= moved and self._placed.isdisjoint(each.objects) and not each.holds(measured)
+            not set(each.objects) <= moved and self._placed.keys().isdisjoint(each.objects) and not each.holds(measured)
             for each in self._success
         )
 

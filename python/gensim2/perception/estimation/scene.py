@@ -24,7 +24,7 @@ CELL = 0.02
 """Side of the grid cells whose points are enclosed in one box, m."""
 SKIN = 0.002
 """Margin of a box around its points, m."""
-LEAST_IN_CELL = 2
+LEAST_IN_CELL = 4
 """Minimum number of points in a cell to get a box, because single points may be stray points."""
 LEAST_HEIGHT = 0.03
 """Minimum height above the table (m) at which the hand pushes an object along the table."""

@@ -14,6 +14,7 @@ from gensim2.perception.cloud import uniform_stride
 from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, Points
 
 Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
 
 LEAST_MOVING = 12
 """Minimum number of points on the moving part in each cloud; with fewer points no displacement is measured."""
@@ -24,8 +25,9 @@ CHANGED = 0.015
 FAR = 0.02
 """Maximum distance (m) that counts for a point without a counterpart in the other cloud."""
 OUT_OF_VIEW = 0.016
-"""Minimum mean distance (m) of the moving part's points from the cloud at all places that the part may have, if no
-camera sees the part."""
+"""Minimum mean distance (m) of the moving part's points from the cloud if the part is not there."""
+CERTAIN = 0.1
+"""Standard deviation of the openness below which a new estimate needs no confirmation by the cloud."""
 NOTHING_THERE, MUCH_NEARER = 0.014, 0.8
 """An openness in a new estimate is discarded if the moving part's points would have at least this mean distance (m)
 from the other cloud, and if the measured displacement reduces the distance to this fraction."""
@@ -222,7 +224,7 @@ class Track:
 
     found: ObjectEstimate
     cloud: Points
-    others: npt.NDArray[np.int64]
+    others: Rows
     moved: float = 0.0
     change: float | None = None
     misses: int = 0
@@ -250,7 +252,7 @@ class Track:
         self,
         found: ObjectEstimate,
         cloud: Points,
-        others: npt.NDArray[np.int64],
+        others: Rows,
         goal: int,
         *,
         is_expected: bool = True,
@@ -274,10 +276,13 @@ class Track:
             is_expected: whether the motion should have moved the joint, as for :func:`displacement`.
             is_pressed: whether the object has blocked the arm in the motion; None: unknown.
         """
-        if goal and self._is_out_of_view(found, cloud, goal):
-            return self._at_end(found, cloud, others, goal)
+        way = self._way_to_goal(found, cloud, goal) if goal else None
+        if way is not None:
+            return self._moved_by(way, found, cloud, others, goal)
         measured = self.displacement(found, cloud, goal, is_expected=is_expected)
         if measured is None:
+            if found.joint.openness_deviation > UNKNOWN:
+                found = self._displaced(Displacement(0.0, np.zeros((0, 3))), found, cloud)
             return Track(found, cloud, others, self.moved, misses=self.misses)
         change, span = measured.value, self.found.joint.upper - self.found.joint.lower
         displaced = self._displaced(measured, found, cloud)
@@ -322,34 +327,40 @@ class Track:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
 
-    def _is_out_of_view(self, found: ObjectEstimate, cloud: Points, goal: int) -> bool:
-        """Return whether no camera sees the moving part any more: a cloud has no points where the part was, where the
-        new estimate places it, and where a displacement towards the goal could have brought it.
+    def _way_to_goal(self, found: ObjectEstimate, cloud: Points, goal: int) -> Displacement | None:
+        """Return the displacement towards the goal at which a cloud has points of the moving part, or the displacement
+        to the end of the range if no camera sees the part any more. Return None if the part is still where it was, if
+        it is where the new estimate places it, or if the new estimate is certain.
         """
         before, joint = self.latest or self.found, self.found.joint
         moving = self.cloud[before.points][before.moving].astype(np.float64)
-        if len(moving) < LEAST_MOVING:
-            return False
+        if len(moving) < LEAST_MOVING or found.joint.openness_deviation < CERTAIN:
+            return None
         moving, tree = moving[uniform_stride(len(moving), MOST_COMPARED)], cKDTree(cloud)
-        end = 0.5 + 0.5 * goal - joint.openness
-        shares = [0.0, found.joint.openness - joint.openness, *np.linspace(0.0, end, GRID)[1:]]
-        for share in shares:
-            T = joint_motion(joint.type, joint.axis, share * (joint.upper - joint.lower), joint.origin)
-            distance = np.minimum(tree.query(moving @ T[:3, :3].T + T[:3, 3])[0], FAR).mean()
-            if distance < OUT_OF_VIEW:
-                return False
-        return True
+        span, end = joint.upper - joint.lower, 0.5 + 0.5 * goal - joint.openness
 
-    def _at_end(self, found: ObjectEstimate, cloud: Points, others: npt.NDArray[np.int64], goal: int) -> Track:
-        """Return the track of a moving part that has left the view: it rests at the end of its range."""
-        joint, end = self.found.joint, 0.5 + 0.5 * goal
-        change = (end - joint.openness) * (joint.upper - joint.lower)
-        gone = Displacement(change, np.zeros((0, 3)))
-        ended = self._displaced(gone, found, cloud).at(end, ABSOLUTE)
-        # The part stays known from the last cloud that has shown it.
-        return replace(
-            self, found=ended, cloud=cloud, others=others, moved=self.moved + change, change=change, misses=0
-        )
+        def moved(value: float) -> Array:
+            T = joint_motion(joint.type, joint.axis, value, joint.origin)
+            return np.asarray(moving @ T[:3, :3].T + T[:3, 3])
+
+        def distance(value: float) -> float:
+            return float(np.minimum(tree.query(moved(value))[0], FAR).mean())
+
+        if min(distance(0.0), distance((found.joint.openness - joint.openness) * span)) < OUT_OF_VIEW:
+            return None
+        best = float(min(np.linspace(0.0, end * span, GRID)[1:], key=distance))
+        if distance(best) < OUT_OF_VIEW:
+            return Displacement(best, moved(best))
+        return Displacement(end * span, moving[:0])
+
+    def _moved_by(self, way: Displacement, found: ObjectEstimate, cloud: Points, others: Rows, goal: int) -> Track:
+        """Return the track after a displacement towards the goal. A part that may have reached the end of its range is
+        there, because it seldom stops shortly before its end.
+        """
+        moved, end = self._displaced(way, found, cloud), 0.5 + 0.5 * goal
+        if abs(moved.joint.openness - end) <= min(moved.joint.openness_deviation, NEAR_END):
+            moved = moved.at(end, ABSOLUTE)
+        return Track(moved, cloud, others, self.moved + way.value, way.value)
 
     def _displaced(self, measured: Displacement, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
         """Return the old estimate after a measured displacement of the joint. The new estimate ``found`` only
