@@ -778,6 +778,20 @@ def test_a_joint_that_resists_after_it_has_moved_is_at_the_end_of_its_range() ->
     assert track.after(before, looks[0].cloud.xyz, none, -1, is_pressed=True).found.joint.openness > 0.7
 
 
+def test_resistance_does_not_count_after_the_joint_has_moved_back(trained: Path) -> None:
+    goal = GoalTracker(SceneEstimator.load(trained, PANDA), {"box": "box_rotate"}, load_task("CloseBox").success)
+    box = goal.articulated["box"]
+    for number, (openness, most) in enumerate(((0.6, 0.7), (0.02, 0.0), (0.2, 0.3))):
+        look = look_at("box_rotate", openness)
+        seen = SceneEstimate((truth(look).at(openness, 0.08),), np.zeros(0, dtype=np.int64))
+        box.take_in(look.cloud.xyz, seen, goal.rigid, is_pressed=number > 0)
+        assert box.track is not None
+        assert box.track.found.joint.openness <= most
+        if number == 0:
+            goal.begin_motion()
+    assert box.track.found.joint.openness > 0.1
+
+
 def test_a_part_that_no_camera_sees_any_more_is_at_the_end_of_its_range() -> None:
     """The handle of a bucket that lies on its rim is often hidden, and the network then guesses its place."""
     look, none = look_at("box_rotate", 0.5), np.zeros(0, dtype=np.int64)

@@ -168,13 +168,17 @@ class ArticulatedTracker:
         self._seen_at_first = self._seen_at_first or len(found.points)
         classes = self._estimator.classes
         self._kind = self._kind or classes[by_name(classes, found.asset_class)]
-        self.track = (
-            self._begun(Track(found, cloud, seen.others))
-            if self._before is None
-            else self._before.after(
-                found, cloud, seen.others, self.goal, is_expected=self.moves_joint, is_pressed=is_pressed
-            )
-        )
+        before, latest = self._before, self.track
+        if before is None:
+            self.track = self._begun(Track(found, cloud, seen.others))
+        else:
+            goal, moves = self.goal, self.moves_joint
+            self.track = before.after(found, cloud, seen.others, goal, is_expected=moves, is_pressed=is_pressed)
+            if is_pressed and latest is not None and latest is not before:
+                # Until the latest cloud of this motion, the object may have moved back, for example with the hand.
+                back = goal * (latest.moved - self.track.moved)
+                if back >= MOVED[found.joint.type]:
+                    self.track = before.after(found, cloud, seen.others, goal, is_expected=moves, is_pressed=False)
         self.carry(self.track.change, rigid)
         if self.has_floor:
             moving = self._in_world(cloud[found.points[found.moving]])

@@ -74,7 +74,7 @@ that moves back by this displacement does not stand still.
 """
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
-MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.15, 0.25
+MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.18, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
 at this end, and maximum difference of an openness that the cloud shows. After a motion without a displacement and
 without resistance, the openness may differ from the end by at most ``NEAR_END``. With resistance, or after two such
@@ -325,6 +325,9 @@ class Track:
             is_certain = is_pressed and has_ended and self.misses > 0
             if is_certain or abs(new.openness - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
+        if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
+            # A part that may have reached its end is there, because it seldom stops shortly before its end.
+            openness, deviation = end, ABSOLUTE
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
 
     def _way_to_goal(self, found: ObjectEstimate, cloud: Points, goal: int) -> Displacement | None:
