@@ -363,6 +363,23 @@ def test_stretching_changes_the_openness_of_a_joint() -> None:
     assert _stretched_openness(lid, 1.7 * np.eye(3)) == pytest.approx(0.5)
 
 
+def test_isolated_fixed_points_beside_the_moving_part_are_no_obstacles() -> None:
+    look = look_at("box_rotate", 0.6)
+    found = truth(look)
+    lid = look.cloud.xyz[found.points[found.moving]]
+    high = np.argsort(lid[:, 2])[-2:]
+    wrong = found.moving.copy()
+    wrong[np.flatnonzero(found.moving)[high]] = False
+
+    def top(each: npt.NDArray[np.bool_]) -> float:
+        parts = {body.name: body for body in scene_object("box", replace(found, moving=each), look.cloud.xyz).bodies}
+        return max(float(hull[:, 2].max()) for hull in parts["box/base"].hulls)
+
+    assert top(wrong) == pytest.approx(top(found.moving))
+    # Points of the fixed part far from the moving part count, also if they are isolated.
+    assert top(found.moving) > look.cloud.xyz[~look.moving][:, 2].max() - 0.01
+
+
 def test_boxes_hold_their_points() -> None:
     points = rng(0, "boxes").uniform(-0.1, 0.1, (30_000, 3)).astype(np.float32)
     found = boxes(points)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects.types import joint_motion
@@ -24,8 +25,11 @@ CELL = 0.02
 """Side of the grid cells whose points are enclosed in one box, m."""
 SKIN = 0.002
 """Margin of a box around its points, m."""
-LEAST_IN_CELL = 4
+LEAST_IN_CELL = 2
 """Minimum number of points in a cell to get a box, because single points may be stray points."""
+BORDER, LEAST_BESIDE = 0.03, 4
+"""Distance (m) from the moving part within which a point of the fixed part needs this number of points of the fixed
+part within ``CELL``, itself included. The network labels single points of the moving part as fixed."""
 LEAST_HEIGHT = 0.03
 """Minimum height above the table (m) at which the hand pushes an object along the table."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
@@ -70,13 +74,11 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
     bodies = []
     upright = np.asarray(Rotation.from_euler("z", found.yaw).as_matrix())
     turned = joint_motion(found.joint.type, found.joint.axis, found.joint.value)[:3, :3] @ upright
-    for link, rows, frame in (
-        ("base", found.points[~found.moving], upright),
-        ("moving", found.points[found.moving], turned),
-    ):
-        hulls = boxes(cloud[rows], frame)
+    fixed, moving = cloud[found.points[~found.moving]], cloud[found.points[found.moving]]
+    for link, points, frame in (("base", _without_border(fixed, moving), upright), ("moving", moving, turned)):
+        hulls = boxes(points, frame)
         if link == "moving" and hulls and floor is not None:
-            hulls = (*hulls, _slab(cloud[rows], found.joint.axis, floor))
+            hulls = (*hulls, _slab(moving, found.joint.axis, floor))
         if hulls:
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint = found.joint
@@ -117,6 +119,15 @@ def raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> Objec
     for name in found.moving_keypoints:
         keypoints[name] = np.append(keypoints[name][:2], max(keypoints[name][2], least))
     return replace(found, keypoints=keypoints)
+
+
+def _without_border(fixed: Points, moving: Points) -> Points:
+    """Return the points (N, 3) of the fixed part without isolated points beside the moving part (M, 3)."""
+    if not len(fixed) or not len(moving):
+        return fixed
+    near = np.flatnonzero(cKDTree(moving).query(fixed)[0] < BORDER)
+    beside = cKDTree(fixed).query_ball_point(fixed[near], CELL, return_length=True)
+    return np.delete(fixed, near[beside < LEAST_BESIDE], axis=0)
 
 
 def _slab(points: Points, axis: Array, height: float) -> Array:
