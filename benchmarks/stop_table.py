@@ -4,7 +4,7 @@
     python benchmarks/stop_table.py                                           # writes tables of stored results
 
 The two files are evaluations of the packaged policy on the same scenes, with ``--stop goal`` and with ``--stop
-controller``. The results are stored in ``stops.json`` in this folder. The tables are in docs/results/generalization.md
+controller``. The results are stored in ``stops.json`` in this folder. The tables are in docs/results/own_stop.md
 and README.md.
 """
 
@@ -21,7 +21,7 @@ from gensim2.rollout.tally import interval
 
 FIGURES = Path(__file__).with_name("stops.json")
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "docs/results/generalization.md", ROOT / "README.md")
+PAGES = (ROOT / "docs/results/own_stop.md", ROOT / "README.md")
 MARKED = re.compile(r"(<!-- stops: (\w+) -->\n).*?(<!-- /stops -->)", re.DOTALL)
 STOPS = ("goal", "controller")
 
@@ -66,7 +66,7 @@ def short(rows: Sequence[Row]) -> str:
     return (
         f"On {len(_both(rows))} of these tasks, the packaged policy succeeds in {goal['held']} of {goal['episodes']} "
         f"episodes that end at the goal. If the policy itself must end the episode, it succeeds in {own['held']} of "
-        f"{own['episodes']} ([table and command](docs/results/generalization.md#policies-that-stop-by-themselves)).\n"
+        f"{own['episodes']} ([table and command](docs/results/own_stop.md)).\n"
     )
 
 
