@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-import gensim2
 from gensim2.core.seeding import rng
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import SceneEstimator
@@ -169,20 +168,3 @@ def test_an_object_that_the_task_does_not_name_is_an_obstacle() -> None:
     corners = np.concatenate(others.hulls)
     assert corners[:, 1].max() == pytest.approx(mug[:, 1].max(), abs=0.01)
     assert corners[:, 1].min() == pytest.approx(cabinet[:, 1].min(), abs=0.01)
-
-
-def test_an_episode_with_two_articulated_objects_succeeds_on_estimates() -> None:
-    result = gensim2.benchmark(
-        ["CloseLaptopAndCloseBox"],
-        runs=1,
-        episodes=1,
-        workers=1,
-        assets="builtin",
-        instances="new",
-        engine="mujoco",
-        scene_source="perceived",
-    )
-    [row] = result.rows
-    [episode] = row.episodes
-    assert episode.held
-    assert not episode.truncated, "the controller ends the episode"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -69,15 +68,6 @@ PANDA = robot("panda")
 LIBRARY = open_library("builtin")
 CLASSES = ("box_rotate", "drawer")
 SMALL: dict[str, Any] = {"classes": CLASSES, "objects": 1, "looks": 2, "batch": 4, "seed": 3}
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """PyTorch with one thread: the network is small, and other tests run beside these."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def model_of(asset_class: str) -> ArticulatedObject:

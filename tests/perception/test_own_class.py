@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +24,6 @@ from gensim2.robots import robot
 PANDA = robot("panda")
 KNOWN = ("box_rotate", "window_push")
 FEW: dict[str, Any] = {"objects": 1, "looks": 2, "batch": 4, "steps": 1, "seed": 3}
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")

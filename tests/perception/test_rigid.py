@@ -325,9 +325,10 @@ def test_an_object_that_was_put_into_a_bowl_is_above_its_bottom(*, is_handled: b
     assert on.holds(goal.measurement(np.array(PANDA.reset_qpos))) == is_on
 
 
-def test_an_object_is_put_into_a_box_on_an_estimated_scene() -> None:
+@pytest.mark.parametrize("task", ["DropAppleIntoBox", "CloseLaptopAndCloseBox"])
+def test_an_episode_with_two_objects_succeeds_on_an_estimated_scene(task: str) -> None:
     result = gensim2.benchmark(
-        ["DropAppleIntoBox"],
+        [task],
         runs=1,
         episodes=1,
         workers=1,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,14 +27,6 @@ from gensim2.scenes.footprint import keypoint_in_root
 PANDA = robot("panda")
 LIBRARY = open_library("builtin")
 CLASSES = ("door", "oven", "window_push")
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def untrained(stand_ins: tuple[str, ...], likely: str) -> SceneEstimator:

@@ -26,8 +26,8 @@ CONTRADICTION = 3.0
 """Number of standard deviations by which the estimated joint must miss the goal to outweigh a network that is sure. The
 number is divided by the number of motions, without the latest motions that have not moved the joint."""
 MARGIN = 1.0
-"""Number of standard deviations by which the estimated joint must exceed the goal, divided in the same way, if the
-network says nothing."""
+"""Number of standard deviations by which the estimated joint must exceed the goal if the network does not predict the
+end of the task. The number is also divided by the number of motions."""
 
 
 class PerceivingKeyposeController(KeyposeController):

@@ -34,7 +34,7 @@ from the other cloud, and if the measured displacement reduces the distance to t
 GRID, FINE = 41, 9
 """Number of displacements that are compared over the joint range, and around the best of these displacements."""
 WITHIN = 2.0
-"""Number of standard deviations of the openness by which a compared displacement may leave the joint range."""
+"""Number of standard deviations of the openness by which a displacement may lead beyond the joint range."""
 LEAST_GAIN, LEAST_GAIN_OF_CHANGES = 0.1, 0.2
 """Minimum reduction of the mean distance, as a fraction, by a displacement other than zero: of the estimated moving
 part, and of the points without a counterpart.
@@ -182,8 +182,7 @@ def _fitted(
     def distance(value: float) -> float:
         found = []
         for points, tree, sign in zip(moving, trees, (1.0, -1.0), strict=True):
-            T = joint_motion(joint.type, joint.axis, sign * value, joint.origin)
-            found.append(np.minimum(tree.query(points @ T[:3, :3].T + T[:3, 3])[0], FAR).mean())
+            found.append(_apart(_moved(points, joint, sign * value), tree))
         return float(np.mean(found))
 
     span = joint.upper - joint.lower
@@ -204,8 +203,18 @@ def _fitted(
     if len(away):
         opposite = best_of(away, max(gain, LEAST_GAIN_AWAY))
         found = min(found, opposite, key=distance) if opposite else found
-    T = joint_motion(joint.type, joint.axis, found, joint.origin)
-    return Displacement(found, moving[0] @ T[:3, :3].T + T[:3, 3], distance)
+    return Displacement(found, _moved(moving[0], joint, found), distance)
+
+
+def _moved(points: Array, joint: JointEstimate, value: float) -> Array:
+    """Return points (N, 3) after a displacement (rad or m) of the joint that carries them."""
+    T = joint_motion(joint.type, joint.axis, value, joint.origin)
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+
+
+def _apart(points: Array, tree: cKDTree) -> float:
+    """Return the mean distance (m) of points (N, 3) from a cloud, in which each point counts ``FAR`` at most."""
+    return float(np.minimum(tree.query(points)[0], FAR).mean())
 
 
 @dataclass(frozen=True)
@@ -342,18 +351,14 @@ class Track:
         moving, tree = moving[uniform_stride(len(moving), MOST_COMPARED)], cKDTree(cloud)
         span, end = joint.upper - joint.lower, 0.5 + 0.5 * goal - joint.openness
 
-        def moved(value: float) -> Array:
-            T = joint_motion(joint.type, joint.axis, value, joint.origin)
-            return np.asarray(moving @ T[:3, :3].T + T[:3, 3])
-
         def distance(value: float) -> float:
-            return float(np.minimum(tree.query(moved(value))[0], FAR).mean())
+            return _apart(_moved(moving, joint, value), tree)
 
         if min(distance(0.0), distance((found.joint.openness - joint.openness) * span)) < OUT_OF_VIEW:
             return None
         best = float(min(np.linspace(0.0, end * span, GRID)[1:], key=distance))
         if distance(best) < OUT_OF_VIEW:
-            return Displacement(best, moved(best))
+            return Displacement(best, _moved(moving, joint, best))
         return Displacement(end * span, moving[:0])
 
     def _moved_by(self, way: Displacement, found: ObjectEstimate, cloud: Points, others: Rows, goal: int) -> Track:
