@@ -32,7 +32,7 @@ def block(x: float, y: float, z: float = 0.0, side: float = 0.12) -> Points:
 
 
 def chances_of(*known: tuple[Points, Mapping[str, float]]) -> Callable[[Points, str], float]:
-    """Return class probabilities of clouds: of the one of the ``known`` clouds that has as many points."""
+    """Return class probabilities of a cloud. They are those of the ``known`` cloud with the same number of points."""
 
     def chance(points: Points, name: str) -> float:
         return next((found.get(name, 0.01) for each, found in known if len(each) == len(points)), 0.01)
@@ -112,7 +112,7 @@ def test_later_clouds_are_divided_by_the_places_of_the_bodies() -> None:
     pushed = drawer + np.float32([0.0, 0.35, 0.0]) + np.float32([0.3, 0.0, 0.0])
     divided = runs(next_division(np.concatenate([pushed, box]), bodies, thing[:0], [1]), [pushed, box])
     assert divided == [{1}, {0}]
-    # What has appeared somewhere else belongs to the nearest object.
+    # New points at a place that was empty before belong to the nearest object.
     new = block(0.3, -0.5, side=0.06)
     clouds = [new, drawer, box]
     assert runs(next_division(np.concatenate(clouds), bodies, thing[:0], []), clouds) == [{1}, {1}, {0}]

@@ -767,7 +767,7 @@ def test_an_openness_that_the_clouds_refute_is_discarded(asset_class: str, first
     assert found.joint.openness == pytest.approx(last, abs=0.06)
     for name, at in found.keypoints.items():
         assert np.linalg.norm(at - after.keypoints[name]) < 0.02
-    # The points near the moved part are those of the moving part.
+    # New points near the displaced old part count as points of the moving part.
     assert (found.moving & after.moving).sum() > 0.9 * after.moving.sum()
 
 

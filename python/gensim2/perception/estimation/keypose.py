@@ -27,7 +27,7 @@ CONTRADICTION = 3.0
 number is divided by the number of motions, without the latest motions that have not moved the joint."""
 MARGIN = 1.0
 """Number of standard deviations by which the estimated joint must exceed the goal if the network does not predict the
-end of the task. The number is also divided by the number of motions."""
+end of the task. This number is divided by the number of motions, because each motion adds evidence."""
 
 
 class PerceivingKeyposeController(KeyposeController):
