@@ -159,9 +159,7 @@ def mujoco_renderer() -> Check:
 
 
 def ray_casting() -> Check:
-    """Check whether Embree (for ray casting) and farthest point sampling work. Without them, point clouds cannot be
-    computed.
-    """
+    """Check Embree (ray casting) and farthest point sampling, without which there are no point clouds."""
     name, remedy = "Ray casting", "pip install --force-reinstall embreex fpsample"
     try:
         from gensim2.perception.cloud import farthest_points

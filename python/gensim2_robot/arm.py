@@ -16,8 +16,7 @@ from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 _STATES = 200
 """Number of stored past arm states, from which the arm's position at the time of an image is interpolated."""
 FORCE_MEMORY = 1.0
-"""Time constant (s) with which the effect of a past contact force decays. Without this memory, an arm that has given
-way to an obstacle would hit the obstacle again."""
+"""Time constant (s) of a past contact force's effect; without it an arm that gave way would press again."""
 
 
 class LimitedArm:
@@ -126,9 +125,7 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Stop the arm at once through its own controller. Commands are not accepted again until :meth:`begin` is
-        called.
-        """
+        """Stop the arm through its own controller; commands are refused until :meth:`begin` is called."""
         self._driver.stand()
         self._sent = None
 
@@ -148,8 +145,7 @@ _SAME = 1e-6
 """Targets, or a command and the motion, that differ by at most this amount (rad or m) count as equal."""
 
 _PASSED = 2 * CYCLE
-"""A target closer than this time (s) is dropped from the motion, so that a slightly late motion does not turn back.
-"""
+"""A target closer than this (s) is dropped, so that a slightly late motion does not turn back."""
 
 _KEPT = 1.0
 """Time (s) for which the past motion is stored for comparison with the last command."""
@@ -239,9 +235,7 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) of the joints while they brake from the velocity ``speed``. The displacement is
-        shortened if it would leave the joint range.
-        """
+        """Return the displacement (m,) while braking from ``speed``, cut at the ends of the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
@@ -261,9 +255,7 @@ class Streamer:
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
-        """Drop the targets, replace the motion by the fastest stop along its path, and return the duration of the stop
-        in seconds.
-        """
+        """Replace targets and motion by the fastest stop along the path; return its duration, s."""
         self._ahead, self._newest = [], []
         if self._motion is None:
             return 0.0

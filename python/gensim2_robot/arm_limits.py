@@ -94,17 +94,14 @@ TOOL_SPEED = 1.7
 JUMP = 0.2
 """Default maximum distance (rad or m) of an episode's first action from the arm's position."""
 LEASH = 0.04
-"""Maximum distance (rad or m) between a target and the measured arm at rest. The tracking delay of the drives is added
-during a motion.
-"""
+"""Maximum distance (rad or m) of a target from the arm at rest; in motion the drives' delay is added."""
 YIELDING = 0.5
 """Fraction of the force limit at which an arm no longer presses: its targets are then its measured position."""
 
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
 """Franka's published acceleration (rad/s^2) and jerk (rad/s^3)."""
 _UNKNOWN = 10.0, 5000.0
-"""Acceleration and jerk of joints without published limits, as in the solver.
-"""
+"""Acceleration and jerk of joints without published limits, as in the solver."""
 
 _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 
@@ -278,9 +275,7 @@ class ArmLimits:
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """Return the positions of all active joints (N, n) for arm positions (N, m). The fingers are open, because open
-        fingers need the most space.
-        """
+        """Return all joints (N, n) for arm positions (N, m), fingers open, which needs the most space."""
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm
         return rows
@@ -290,8 +285,6 @@ class ArmLimits:
         return np.asarray(self.profile.model.forward_kinematics(self.whole(arm), self.profile.tool_link)[:, :3, 3])
 
     def is_clear(self, arm: Array) -> bool:
-        """Return whether the clearance is kept in all N joint configurations (N, m). The clearance is the minimum
-        distance between the robot's links, and between the robot and the table.
-        """
+        """Return whether all N joint configurations (N, m) keep the clearance from links and table."""
         distance = np.asarray(self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3))
         return bool((distance >= self.clearance).all())

@@ -1,6 +1,4 @@
-"""Check sent commands by finite differences and the ray caster's kinematics, without using the code that limits
-commands.
-"""
+"""Check sent commands by finite differences and the ray caster's kinematics, without the limits' code."""
 
 from __future__ import annotations
 
@@ -18,9 +16,7 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return the number of commands (m,) that exceed a limit of the arm. The commands follow each other by one cycle,
-    and the arm is at rest at the first command.
-    """
+    """Return how many successive commands (m,), from rest and a cycle apart, exceed a limit."""
     if not commands:
         return 0
     q = np.array(commands)

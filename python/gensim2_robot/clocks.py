@@ -31,9 +31,7 @@ class Clock(Protocol):
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Let this thread wake up with as little delay as possible within the ``with`` block; yield the scheduling
-        policy.
-        """
+        """Let this thread wake up promptly within the block; yield the scheduling policy."""
         ...
 
 

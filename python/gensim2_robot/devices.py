@@ -87,9 +87,7 @@ class ArmDriver(Protocol):
         ...
 
     def stand(self) -> None:
-        """Stop the arm at once through its own controller. Targets are not accepted again until the next episode
-        starts.
-        """
+        """Stop the arm through its own controller; targets are refused until the next episode starts."""
         ...
 
     def close(self) -> None:

@@ -174,9 +174,7 @@ class _Part:
         return float(np.sqrt(max(float(np.mean(variance)), 0.0))), int(which.sum())
 
     def correlation(self) -> tuple[float, int]:
-        """Return the standard deviation (pixels) of the Gaussian blur that correlates neighbouring errors, and the
-        number of pixels used.
-        """
+        """Return the blur's standard deviation (pixels) that correlates neighbouring errors, and the pixels used."""
         error, which = self._error, self.plain & (self._share > 0.5)
         if not which.any():
             return 0.0, 0
@@ -201,9 +199,7 @@ class _Part:
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Return the fraction of edge pixels whose measured depth lies between the depths on the two sides of the edge,
-        and the number of pixels used.
-        """
+        """Return the fraction of edge pixels with a depth between the edge's two sides, and the pixels used."""
         if not self.edges.any():
             return 0.0, 0
         near, far = (each[self.edges] for each in _window(self._median, 1))

@@ -300,9 +300,7 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the acceleration (m,) of the next cycle. This acceleration leads towards the target and still permits a
-    stop within the limits.
-    """
+    """Return the next cycle's acceleration (m,) towards the target that still permits a stop."""
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")
@@ -329,9 +327,7 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """Return a stop that follows a command, if command and stop are within all limits; otherwise return None and add
-    the violated limit to ``clips``.
-    """
+    """Return the stop after a command if both respect all limits; else None, with the limit in ``clips``."""
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

@@ -33,9 +33,7 @@ PERIOD = PERIOD_CYCLES * CYCLE
 LEAD = PERIOD
 """Minimum time from a request to its first action, s; the controller computes in this time."""
 BRAKING = PERIOD - 3.0 * CYCLE
-"""Maximum duration (s) of a stop along the path. On a bend, a stop along the path can take longer than a stop that
-leaves the path.
-"""
+"""Maximum duration (s) of a stop along the path; on a bend, a stop off the path can be faster."""
 CATCH_UP = 0.1
 """Maximum delay (s) that the loop catches up by running the missed cycles; cycles of a larger delay are skipped."""
 FRESH_CYCLES = 3
@@ -235,9 +233,7 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again after :meth:`pause`. The control steps during the pause count as executed, so that the
-        controller skips the actions that it had planned for the time of the pause.
-        """
+        """Request actions again after :meth:`pause`, whose control steps count as executed."""
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
@@ -384,9 +380,7 @@ class Line:
         self.figures.acting_ms.append(answer.acting_ms)
 
     def _drive(self, due: float, now: float) -> None:
-        """Send the command of this cycle. The state of the watchdog determines whether the command follows the
-        controller's actions or brakes the arm.
-        """
+        """Send this cycle's command: along the controller's actions, or braking, as the watchdog's state says."""
         sent = self.arm.sent
         if sent is None:
             self._note_standing(now)

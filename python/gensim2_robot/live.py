@@ -170,9 +170,7 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return the tool positions (k, 3), m, after the actions (k, m + 1) have been executed. Joints that the actions
-        do not command keep their positions in ``q`` (n,).
-        """
+        """Return tool positions (k, 3), m, after actions (k, m + 1); other joints keep their values in ``q`` (n,)."""
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
             if len(action) == self._profile.action_size:

@@ -77,9 +77,7 @@ def _whole(digits: str) -> int:
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a validator for non-empty arrays with a given data type (``dtype.kind`` or a dtype's name) and a given
-    number of dimensions.
-    """
+    """Return a validator for non-empty arrays of a ``dtype.kind`` or dtype name and some dimensions."""
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:

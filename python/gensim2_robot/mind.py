@@ -115,9 +115,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the observation spec that determines which data are displayed and logged. If the controller uses cameras,
-    the result is the controller's spec. Otherwise the result is a spec with all cameras.
-    """
+    """Return the spec of displayed and logged data: the controller's if it uses cameras, else all cameras."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -262,17 +260,13 @@ class LineBody:
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Return random invalid actions, with which the fault ``policy-garbage`` is simulated. The actions have values that
-    no arm can reach, and sometimes the wrong size.
-    """
+    """Return random unreachable actions, sometimes of the wrong size, for the fault ``policy-garbage``."""
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
 
 def _refusal(controller: Controller) -> str | None:
-    """Return the reason, with the measured values, why a controller has refused the episode because it does not see the
-    objects of the task; None if it has not refused the episode.
-    """
+    """Return why, with measured values, a controller refuses to act without seeing the objects, or None."""
     refused = next((each for each in events_of(controller) if each.what == Cause.OBJECT_NOT_SEEN), None)
     if refused is None:
         return None

@@ -394,9 +394,7 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
-    """Collect stop signals (Ctrl-C, SIGTERM) in a list and yield the list, so that the program can stop the arm before
-    the program ends.
-    """
+    """Collect stop signals (Ctrl-C, SIGTERM) in the yielded list, so that the program can first stop the arm."""
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came

@@ -1,6 +1,4 @@
-"""Exchange data between device processes and the control loop: messages through pipes, and images through shared
-memory.
-"""
+"""Exchange data with device processes: messages through pipes, images through shared memory."""
 
 from __future__ import annotations
 
@@ -23,9 +21,7 @@ from gensim2.perception import Camera
 from gensim2_robot.devices import CameraFrame
 
 MAX_WAITING = 500
-"""Maximum number of messages that wait for a process, in addition to the kernel's buffer; the loop sends 100 per
-second.
-"""
+"""Maximum number of messages that wait beyond the kernel's buffer; the loop sends 100 per second."""
 CHUNK = 1 << 16
 MAX_CHUNKS = 256
 """Maximum number of bytes and of reads in one poll, so that a flood of messages does not delay the loop."""
@@ -153,9 +149,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """Reference to an image in a slot of shared memory. The reference is valid until the slot is returned. All fields
-    except ``slot`` are the same as in :class:`CameraFrame`.
-    """
+    """Image in shared memory, valid until the slot is returned; fields as in :class:`CameraFrame`."""
 
     camera: str
     slot: int

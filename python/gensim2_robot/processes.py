@@ -270,9 +270,7 @@ class ProcessMind:
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Send the start of an episode, or a request for actions. The images of a request need free slots in shared
-        memory. If a slot is missing, the request is dropped and gets no answer.
-        """
+        """Send an episode's start or a request; a request without free slots for its images is dropped."""
         if isinstance(message, Begin):
             self._process.tell(message)
             return

@@ -208,9 +208,7 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A real scene that a person arranges and judges. The program cannot know whether the goal is reached or the scene
-    is at rest.
-    """
+    """A real scene that a person arranges and judges; goal and rest are unknown to the program."""
 
     is_ready = True
     goal: bool | None = None

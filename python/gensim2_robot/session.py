@@ -43,9 +43,7 @@ def _said(arm: object) -> str:
 
 
 class SceneStage(Protocol):
-    """Interface for the scenes of episodes. An implementation arranges the next scene, and reports whether the goal is
-    reached, if it can measure the goal.
-    """
+    """Interface for an episode's scenes: arranges the next scene and reports the goal if it can."""
 
     @property
     def is_ready(self) -> bool:
@@ -400,9 +398,7 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Wait until a person resumes or stops the held arm, and return whether the arm was resumed. If no person is at
-        the keyboard, return False at once.
-        """
+        """Return whether a person has resumed the held arm; False at once without a person at the keyboard."""
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False

@@ -248,9 +248,7 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return the images of all cameras for one state of the simulated world. If a fault is injected, the images of
-        the first camera are faulty, or the images of the first two cameras are exchanged.
-        """
+        """Return all cameras' images of one state; faults affect the first camera or exchange the first two."""
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -277,9 +275,7 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Exchange the images of two cameras. Also exchange their serial numbers, unless the fault is
-        ``camera-mislabelled``.
-        """
+        """Exchange two cameras' images, and their serial numbers unless the fault is ``camera-mislabelled``."""
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)

@@ -287,7 +287,5 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return the number of image rows with at least ``TOLD_APART`` measurements. Every measurement contains noise, so
-    two different images practically never contain the same such row by chance.
-    """
+    """Return how many rows have ``TOLD_APART`` noisy measurements, which never repeat by chance."""
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

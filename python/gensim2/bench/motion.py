@@ -48,9 +48,7 @@ _PROBLEM = TypeAdapter(MotionProblem)
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """Summary of all problems. CPU times are in ms. Durations (s) and path lengths (rad) are medians over the solved
-    problems.
-    """
+    """Summary of all problems: CPU times in ms; durations (s) and path lengths (rad) as medians over solved ones."""
 
     problems: int
     statuses: dict[str, int]

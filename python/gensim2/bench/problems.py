@@ -77,9 +77,7 @@ class _Record(BaseModel):
 
 
 class ArticulatedRecord(_Record):
-    """State of the articulated object: root pose in the world frame, joint value, and the factor by which lengths in
-    the object's files are multiplied.
-    """
+    """State of the articulated object: root pose in the world frame, joint value, and scale of the files' lengths."""
 
     cls: str
     id: str
@@ -137,9 +135,7 @@ class PlanProblem(_Record):
     object_axis: Literal["x", "y", "z"] | None
 
     def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
-        """Return a pose (4, 4). The file stores poses in single precision, so this method makes the rotation
-        orthonormal again.
-        """
+        """Return a pose (4, 4); stored poses have single precision, so the rotation is made orthonormal again."""
         pose = np.asarray(getattr(self, name), dtype=np.float64)
         left, _, right = np.linalg.svd(pose[:3, :3])
         pose[:3, :3] = left @ right
@@ -161,9 +157,7 @@ class PlanProblem(_Record):
         return entries if isinstance(entries, list) else []
 
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with the keyframe times of this problem. Each invalid ``target_axis_frame`` is
-        replaced by ``"world"``, as in the original solver of GenSim2.
-        """
+        """Return the solver config with this problem's keyframe times and ``"world"`` for invalid frames."""
         constraints = [
             {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
         ]

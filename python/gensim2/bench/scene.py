@@ -116,9 +116,7 @@ class SceneObstacle:
 
 @dataclass(frozen=True)
 class SceneJoint:
-    """The movable joint of an object. ``origin`` (3,) and the unit vector ``axis`` (3,) are in the robot's base frame;
-    the joint value is in rad or m.
-    """
+    """The movable joint: ``origin`` (3,) and unit ``axis`` (3,) in the robot's base frame; value in rad or m."""
 
     kind: Literal["revolute", "prismatic"]
     origin: Array
@@ -130,9 +128,7 @@ class SceneJoint:
 
 @dataclass(frozen=True)
 class ProblemScene:
-    """Obstacles of a problem, and the movable joint of its articulated object. ``warnings`` lists meshes that could not
-    be loaded.
-    """
+    """Obstacles of a problem and the object's movable joint; ``warnings`` lists meshes that could not be loaded."""
 
     obstacles: tuple[SceneObstacle, ...]
     joint: SceneJoint | None

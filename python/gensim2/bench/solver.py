@@ -55,9 +55,7 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Return the smallest signed distances (m) along a motion. Only pairs of bodies that the planner checks are
-    measured. A distance is None if there is no motion or no such pair.
-    """
+    """Return the smallest signed distances (m) of the checked pairs along a motion; None without motion or pairs."""
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}
     if found is not None:

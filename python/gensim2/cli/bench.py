@@ -22,9 +22,7 @@ def _json_lines(result: dict[str, Any]) -> str:
 
 
 def _show_summary(**rows: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
-    """Return a function that prints fields of a summary. Each keyword argument names a field and gives the field's
-    label and format.
-    """
+    """Return a function that prints fields of a summary; each keyword gives a field's label and format."""
 
     def show(result: dict[str, Any]) -> None:
         summary = result["summary"]
@@ -181,9 +179,7 @@ def policy(
 
 
 def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse options that cannot be combined with ``--checkpoint``, because the trained policy determines these
-    settings.
-    """
+    """Refuse options that cannot be combined with ``--checkpoint``, which determines these settings."""
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):

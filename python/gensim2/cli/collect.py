@@ -61,9 +61,7 @@ class CollectionView(NullProgress):
 
 
 def summary(status: Status) -> str:
-    """Return one line with the number of episodes, rate, remaining time and size. The rate excludes the start of the
-    workers, and is left out at the end: the result of the collection states the rate of the whole run.
-    """
+    """Return one line: number of episodes, rate without the workers' start, remaining time and size."""
     held = sum(task.held for task in status.tasks)
     words = [f"{status.tried}/{status.total} episodes", f"{held} held"]
     if status.tried < status.total:

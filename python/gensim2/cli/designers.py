@@ -129,9 +129,7 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
 
 
 def _check_terminal() -> None:
-    """Refuse ``--review`` without a terminal. The option asks a person to approve each task, and a missing answer would
-    count as "no".
-    """
+    """Refuse ``--review`` without a terminal, because a missing answer would count as "no"."""
 
     if not sys.stdin.isatty():
         raise InputError("standard input is not a terminal, so no question can be asked", field="--review")

@@ -72,9 +72,7 @@ class LazyGroup(click.Group):
     """A group of commands that are imported individually on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands in the order of ``COMMANDS``, then the names of commands from other
-        installed distributions.
-        """
+        """Return the names in ``COMMANDS``, then the names of commands from other installed distributions."""
         return [*COMMANDS, *sorted(entry_points(group=COMMAND_GROUP).names - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -129,9 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """Exit the process with ``code``. If Ray is in use, skip the exit handlers, because Ray's handlers would change the
-    exit code.
-    """
+    """Exit the process with ``code``; after the use of Ray without exit handlers, which would change the code."""
     head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
@@ -219,9 +215,7 @@ def _fail(text: str, code: int) -> int:
 
 
 def _drop_unwritten_output() -> bool:
-    """Return whether writing to standard output fails. If it fails, redirect standard output to the null device, so
-    that Python's flush at exit raises no second error.
-    """
+    """Return whether standard output cannot be written; if so, redirect it, so that the exit raises no second error."""
     try:
         sys.stdout.flush()
     except OSError:

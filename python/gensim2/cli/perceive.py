@@ -39,9 +39,7 @@ def _show_measure(result: dict[str, Any]) -> None:
 
 
 def error_cells(found: dict[str, Any]) -> dict[str, str]:
-    """Format the error statistics of :func:`~gensim2.perception.estimation.measuring.figures` for a table, by column
-    title.
-    """
+    """Format the statistics of :func:`~gensim2.perception.estimation.measuring.figures` by column title."""
 
     def pair(name: str, scale: float, digits: int) -> str:
         return " / ".join(f"{scale * value:.{digits}f}" for value in found.get(name, ()))

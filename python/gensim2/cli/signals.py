@@ -21,9 +21,7 @@ AGAIN = 0.05
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the exit code of a program that a signal has stopped. As in shells, the code is 128 plus the number of the
-    signal, for example 130 after Ctrl-C.
-    """
+    """Return the exit code of a stopped program: 128 plus the signal's number, for example 130 after Ctrl-C."""
     return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
 
 

@@ -43,9 +43,7 @@ def brief(number: int) -> str:
 
 
 def near(word: object, words: Iterable[str]) -> str:
-    """Return a hint for an unknown ``word``, such as ``"did you mean drawer?"``. The hint names the most similar
-    ``words``. If no word is similar, the hint lists the first ``words``.
-    """
+    """Return a hint such as ``"did you mean drawer?"`` with the most similar words, or with the first words."""
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
     if matches:

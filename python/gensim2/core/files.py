@@ -145,9 +145,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Try to lock a folder during a block, and yield whether the lock was acquired. No lock file is needed, because the
-    folder itself is locked. The flags ``how`` are passed to ``fcntl.flock``.
-    """
+    """Try to lock a folder itself (``how``: flags of ``fcntl.flock``) during a block; yield whether it was locked."""
     handle = _folder_handle(folder)
     try:
         yield _lock(handle, how)
@@ -169,9 +167,7 @@ def _lock(handle: int, how: int) -> bool:
 
 
 def _remove_left(path: Path) -> None:
-    """Remove temporary folders of ``path`` that killed processes have left behind. A folder that a running process uses
-    is locked and is not removed.
-    """
+    """Remove temporary folders of ``path`` from killed processes; folders of running processes are locked and stay."""
     pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
     for left in path.parent.iterdir():
         if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
@@ -243,9 +239,7 @@ def write_output(path: Path, data: str | bytes) -> None:
 
 
 def _encoded(data: str | bytes) -> bytes:
-    """Encode text as UTF-8. Text may contain a file name that is not valid UTF-8; its invalid bytes become escape
-    sequences.
-    """
+    """Encode text as UTF-8; invalid bytes of file names become escape sequences."""
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 

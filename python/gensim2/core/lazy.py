@@ -27,9 +27,7 @@ def lazy_names(package: str) -> Callable[[str], Any]:
 
 @cache
 def _imported(package: str) -> dict[str, str]:
-    """Find the names that a package imports below ``if TYPE_CHECKING:``. Return a mapping from each name to the module
-    that defines it.
-    """
+    """Return the names that a package imports below ``if TYPE_CHECKING:``, with the module of each."""
     import ast  # imported here, because most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__

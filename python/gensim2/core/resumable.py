@@ -144,9 +144,7 @@ class RunSettings(BaseModel):
 
 
 def differing(field: str, was: Any, now: Any, free: frozenset[str] = frozenset()) -> Iterator[tuple[str, str]]:
-    """Yield the field's name and a message for every difference between the earlier value ``was`` and the present value
-    ``now``. Mappings are compared key by key; keys in ``free`` may differ.
-    """
+    """Yield field and message for every difference between ``was`` and ``now``, except for the keys in ``free``."""
     if field in free:
         return
     was, now = (each.model_dump(mode="json") if isinstance(each, BaseModel) else each for each in (was, now))

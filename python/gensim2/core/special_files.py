@@ -16,9 +16,7 @@ MAX_LINKS = 40
 
 
 def descriptor(path: Path) -> int | None:
-    """Return the number of the open file descriptor to which ``path`` refers, for example 1 for ``/dev/stdout``; None
-    if ``path`` refers to no descriptor of this process.
-    """
+    """Return the open descriptor to which ``path`` refers, for example 1 for ``/dev/stdout``; None if there is none."""
     own = Path(f"/proc/{os.getpid()}/fd")
     for _ in range(MAX_LINKS):
         folder = Path(os.path.realpath(path.parent))

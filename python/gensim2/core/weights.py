@@ -1,6 +1,4 @@
-"""Store the weights of a network beside a JSON record. The file's name contains a part of the digest, so a record that
-is replaced atomically always names the file that belongs to it.
-"""
+"""Store network weights beside a JSON record that names their file, whose name contains part of the digest."""
 
 from __future__ import annotations
 

@@ -105,9 +105,7 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
 
 
 class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
-    """Loader that combines libyaml's parser with PyYAML's composer. This parser is 5 times as fast as PyYAML's parser,
-    and this composer can enforce limits.
-    """
+    """Loader with libyaml's parser, 5 times as fast as PyYAML's, and PyYAML's composer, which can enforce limits."""
 
     def __init__(self, stream: str) -> None:
         yaml.CSafeLoader.__init__(self, stream)

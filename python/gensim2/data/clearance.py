@@ -176,9 +176,7 @@ def _named(pair: tuple[str, str], bodies: Mapping[str, _Body]) -> str:
 
 
 def _spans(poses: Array) -> Iterator[slice]:
-    """Yield time ranges in which the bodies hardly move. In a range, no entry of the poses (T, B, 4, 4) differs by more
-    than ``STILL`` from its value at the start of the range.
-    """
+    """Yield time ranges in which no entry of the poses (T, B, 4, 4) changes by more than ``STILL``."""
     begin = 0
     for instant in range(1, len(poses)):
         if np.abs(poses[instant] - poses[begin]).max(initial=0.0) > STILL:

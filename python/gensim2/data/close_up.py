@@ -1,6 +1,4 @@
-"""Draw close-ups of the fingertips for videos. The camera is beside the hand, because from other directions the hand
-hides the contact.
-"""
+"""Draw close-ups of the fingertips for videos, from beside the hand, which hides the contact from elsewhere."""
 
 from __future__ import annotations
 
@@ -100,9 +98,7 @@ def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
 
 
 def _hidden(view: View) -> float:
-    """Return how much of the picture's centre is hidden: the fraction of its pixels that show something in front of the
-    fingertips.
-    """
+    """Return the fraction of the picture's centre in which something hides the fingertips."""
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))

@@ -185,9 +185,7 @@ def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) ->
 
 
 def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again and record a video of it by ray casting, even if the episode fails. A worker process calls
-    this function.
-    """
+    """Run an episode again in a worker process and record a video of it by ray casting, even if it fails."""
     from gensim2.data.films import film_again
 
     return film_again(config, strategies, seed, video)

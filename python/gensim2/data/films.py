@@ -1,6 +1,4 @@
-"""Draw videos of recorded episodes by ray casting. Next to the image, the video shows the point cloud that the
-controller observes.
-"""
+"""Draw videos of recorded episodes by ray casting, beside the point cloud that the controller observes."""
 
 from __future__ import annotations
 
@@ -144,9 +142,7 @@ def film_camera(profile: RobotProfile) -> Camera:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """Draw points (N, 3), given in the robot's base frame in m, as coloured squares into an image (H, W, 3). Near
-    points cover far points.
-    """
+    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near ones last."""
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T

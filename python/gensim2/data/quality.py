@@ -138,9 +138,7 @@ def _quality(
 
 
 def jerk(recording: Recording, profile: RobotProfile) -> float:
-    """Return the root mean square of the arm's jerk in rad/s^3. The mean is taken over all joints and instants, and the
-    jerk is computed from the measured joint positions.
-    """
+    """Return the root mean square of the measured arm joints' jerk over all joints and instants, rad/s^3."""
     columns = [FIRST_JOINT + index for index in profile.arm_columns]
     positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
     third = np.diff(positions, n=3, axis=0) * profile.control_hz**3

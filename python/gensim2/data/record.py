@@ -108,9 +108,7 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences between this record and ``now`` that make it impossible to resume the run. Additional
-        episodes and tasks are allowed.
-        """
+        """Yield the differences from ``now`` that prevent resuming; episodes and tasks may be added."""
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:

@@ -44,9 +44,7 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU time and wall time of designing and verifying a task. If the run was resumed while it worked on the task, the
-    times cover only the last call.
-    """
+    """CPU and wall time of designing and verifying a task, since the last start of the run."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -70,9 +68,7 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences between this record and ``now`` that would change the results. The number of tasks and
-        the number of episodes are not compared, because a resumed run may increase them.
-        """
+        """Yield the differences between this record and ``now`` that change results; runs may grow."""
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
         for name in sorted(self.identity.keys() | now.identity.keys()):
@@ -81,17 +77,13 @@ class RunRecord(RunSettings):
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record for the run that resumes this run. The new record has the arguments of ``now``, and neither
-        an end time nor a result.
-        """
+        """Return the record for the run that resumes this run: arguments of ``now``, no end time, no result."""
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
 
 
 class SecondEngineRecord(Record):
-    """Record of the episodes that repeat a verification in the second physics engine, in the same scenes as in the
-    first engine. This record is a part of ``verification.json``.
-    """
+    """Record in ``verification.json`` of the same scenes in the second physics engine."""
 
     engine: Engine
     held: Annotated[int, Field(ge=0)]
@@ -238,9 +230,7 @@ class Verification:
 
     @property
     def kept(self) -> bool:
-        """Whether the success rate of the episodes reaches the threshold. If the task was verified in two physics
-        engines, the success rate in the second engine must reach the threshold, too.
-        """
+        """Whether the success rate reaches the threshold, in both engines if the task was verified in two."""
         return self.rate >= self.threshold and (self.second is None or self.second.rate >= self.threshold)
 
     def to_dict(self) -> dict[str, Any]:

@@ -73,9 +73,7 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Return the episodes with a clearance of at least ``least`` (m). The clearance is computed from the episodes'
-        files.
-        """
+        """Return the episodes whose clearance, computed from their files, is at least ``least`` (m)."""
         from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene

@@ -39,9 +39,7 @@ from gensim2.tasks.parse import parse_task
 Frame = npt.NDArray[np.uint8]
 
 LONG = 200
-"""In episodes with more control steps than this, the video shows every second step, because a frame takes a quarter
-of a second without a GPU.
-"""
+"""Number of steps above which a video shows every second step, because a frame takes 0.25 s without a GPU."""
 
 
 class _Arguments(BaseModel):
@@ -213,9 +211,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Summary of the frames that were written to the video file. Of the frames themselves, only the frame for the still
-    image is kept, because all frames together would need too much memory.
-    """
+    """Summary of the frames in a video, with the still image; all frames together would need too much memory."""
 
     def __init__(self) -> None:
         self.frames = 0

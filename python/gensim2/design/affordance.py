@@ -126,9 +126,7 @@ class Affordance:
 
     @cached_property
     def interior(self) -> Triple | None:
-        """Extents (3,) in metres of the free space inside a container (depth, width, height); None if the class is no
-        container.
-        """
+        """Extents (3,) of the free space inside a container (depth, width, height), m; None for other classes."""
         return _interior(self.samples, self.measured) if self.samples and self.is_container else None
 
     @property
@@ -242,9 +240,7 @@ def _facts(
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the mean size of the free space around the keypoint ``name`` of the instances. The result is None if an
-    instance has no free space there.
-    """
+    """Return the mean free space of the instances around a keypoint; None if an instance has none."""
     from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []

@@ -107,9 +107,7 @@ class Candidate:
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
     def described(self, strategy: str) -> str:
-        """Return the label of a strategy, or its name if it has no label. If the label describes the whole candidate,
-        return an empty text.
-        """
+        """Return a strategy's label, or its name without a label; empty if the label describes the candidate."""
         label = self.labels.get(strategy, strategy)
         return "" if label == self.label else label
 
@@ -177,9 +175,7 @@ class CandidateResult:
 
     @property
     def by_object(self) -> dict[str, tuple[int, int]]:
-        """Number of successful episodes and number of all episodes in all stages, for each instance of the task's first
-        object. The keys are the ids of the instances.
-        """
+        """Successful episodes and all episodes of all stages, by instance id of the task's first object."""
         found: dict[str, tuple[int, int]] = {}
         for stage in self._physics:
             for instance, (held, count) in stage.by_object.items():

@@ -22,9 +22,7 @@ CHANGE_GOAL = "add a criterion about the object that was not moved, or a stricte
 """Remedy for a task whose success criteria are refused, unless the start of a joint is the cause."""
 
 FAR_OPEN = 0.8
-"""Threshold of ``articulated_open`` for which no mutated world of the joint counts as open. The corresponding threshold
-of ``articulated_closed`` is 1 - ``FAR_OPEN``.
-"""
+"""Threshold of ``articulated_open`` beyond all mutated worlds; 1 - ``FAR_OPEN`` for ``articulated_closed``."""
 
 NEAR_END = 0.1
 """Largest openness of a joint that starts almost closed, as proposed by :func:`remedy_for`."""

@@ -40,9 +40,7 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move two joints for one purpose. The drafts take turns among the purposes, so that early drafts
-    differ.
-    """
+    """Draft tasks that move two joints for one purpose, in turns among the purposes."""
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()
@@ -109,9 +107,7 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Join the descriptions of two tasks into one phrase. If both descriptions have the same verb, the phrase contains
-    this verb only once, as in "open the drawer and the box".
-    """
+    """Join two descriptions, with a common verb only once, as in "open the drawer and the box"."""
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")
@@ -123,9 +119,7 @@ def _both(first: Piece, second: Piece) -> str:
 
 
 def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
-    """Add the object and the step of the known joint task ``piece`` to a draft. The object is placed at the position
-    ``at`` (x, y in m) and rotated by ``yaw`` (rad).
-    """
+    """Add object and step of the joint task ``piece`` to a draft, at ``at`` (x, y in m), rotated by ``yaw`` (rad)."""
     (step,) = piece.known.task.steps
     thing = piece.known.task.objects[step.object]
     role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]

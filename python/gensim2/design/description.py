@@ -99,9 +99,7 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return the known success rates of a task: the rate in the GenSim2 paper, the rate of the code released with the
-    paper, and, if ``measured`` is true, our own measurements.
-    """
+    """Return a task's known success rates: paper, released code and, with ``measured``, our measurements."""
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

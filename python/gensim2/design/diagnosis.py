@@ -118,9 +118,7 @@ def _millimetres(length: float) -> str:
 
 
 def _length(residual: Mapping[str, Any], name: str = "residual") -> str:
-    """Format the remaining error of a constraint. The error of a point constraint is a distance in millimetres, and the
-    error of any other constraint is an angle in radians.
-    """
+    """Format a constraint's remaining error: millimetres for points, radians for all others."""
     value = float(residual[name])
     return f"{1000 * value:.0f} mm" if str(residual["name"]).startswith("point2point") else f"{value:.2f} rad"
 

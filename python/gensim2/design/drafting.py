@@ -41,9 +41,7 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has an articulated class of this name; known tasks may use classes that the library
-    lacks.
-    """
+    """Return whether the library has this articulated class, which a known task may use."""
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 
@@ -53,9 +51,7 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """Return the strategies of the known task that moves this class's joint to ``goal``. The result is empty if there
-    is no such task.
-    """
+    """Return the strategies of the known task that moves this class's joint to ``goal``; empty without one."""
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -64,9 +60,7 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """Return a strategy's name for use in a longer task. A name that begins with ``designed`` says nothing about the
-    step, so it is replaced by a name with the step and the object's class.
-    """
+    """Return a strategy's name for longer tasks; ``designed...`` becomes a name of the step and the class."""
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -151,9 +145,7 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """Check whether earlier steps of ``task`` establish the preconditions of each step, and return a message for each
-    precondition that is not met. For example, an object cannot be put into a closed container.
-    """
+    """Return a message for each precondition of a step that earlier steps do not meet, such as a closed container."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []

@@ -339,9 +339,7 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Search for strategies of a proposed task and verify the task. If the proposal is rejected before the
-        verification, return the reason; otherwise return None.
-        """
+        """Search strategies and verify the task; return the reason for a rejection before verification, else None."""
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
@@ -378,10 +376,7 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return the number of verification episodes for a task. It is the requested number, but at least the requested
-        number of demonstrations. If the task counts as already solved, the requested number is first limited to
-        ``VERIFY_EPISODES``.
-        """
+        """Return the verification episodes: as requested, limited if solved, at least the demonstrations."""
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
 
@@ -569,9 +564,7 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
-    """Return the task with a record of its origin. The record says whether the search used only training objects
-    (``"train"``) or all objects (``"all"``).
-    """
+    """Return the task with a record of its origin: searched with ``"train"`` or ``"all"`` objects."""
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})

@@ -28,10 +28,7 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return approach directions. Eighteen directions are given in the joint frame: along an axis, or diagonally
-    between two axes. Three directions are given in the world frame, for an arm on a table: straight down, forward, and
-    forward and down.
-    """
+    """Return approach directions: 18 along or between axes of the joint frame, 3 in the world frame for a table."""
     found = []
     for index, axis in enumerate(_AXES):
         for sign in (1.0, -1.0):
@@ -150,9 +147,7 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether a hand with this approach direction would block the moving part instead of pushing it, because the
-    fingers point against the part's motion.
-    """
+    """Return whether the fingers point against the part's motion, so that the hand would block the part."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 

@@ -50,10 +50,7 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return a summary of the language model's work in the run, or None if the run used no model. The summary
-        contains the model, the numbers of questions and outcomes in each stage, the conversations from which no task
-        resulted, and the costs.
-        """
+        """Return the model, its questions, outcomes, fruitless conversations and costs; None without a model."""
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

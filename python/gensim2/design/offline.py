@@ -147,9 +147,7 @@ class OfflineDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Return new candidates: combinations and variations of the best candidates, and alignments that were not tried
-        yet. Alignments that resemble successful ones are more likely to be sampled.
-        """
+        """Return combinations and variations of the best candidates, and untried alignments near successful ones."""
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
@@ -227,9 +225,7 @@ def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return one candidate that contains the strategies of all candidates in ``group``. In each scene, the planner uses
-    the first of these strategies for which it finds a plan.
-    """
+    """Return one candidate with all strategies of ``group``; in each scene the first with a plan is used."""
     ways: Strategies = {}
     labels = {}
     for number, result in enumerate(group, 1):
@@ -258,9 +254,7 @@ def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
 
 
 def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
-    """Return variants of the two best candidates. Each variant changes the order of the strategies in the step that
-    fails most often.
-    """
+    """Return the two best candidates with another order of strategies in the step that fails most often."""
     found = []
     for result in results[:2]:
         blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)

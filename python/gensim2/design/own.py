@@ -1,6 +1,4 @@
-"""Implement ``gensim2 design``, which searches for strategies that solve a user's task and verifies these strategies.
-``run_pipeline`` does the same for tasks that a designer proposes.
-"""
+"""Implement ``gensim2 design``: search and verify strategies for a user's task, as ``run_pipeline`` does."""
 
 from __future__ import annotations
 

@@ -52,9 +52,7 @@ def goal_of(task: TaskSpec) -> str:
 
 
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
-    """Return a task with one object and one step. The object has the class described by ``thing``, and the step brings
-    its joint to ``goal``.
-    """
+    """Return a task with one object of the class of ``thing`` and one step that brings its joint to ``goal``."""
     phrase = phrase_of(thing, goal)
     assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)
@@ -72,9 +70,7 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the phrase with which people ask for a joint goal, such as "open the drawer". Return None if everyday
-    language has no phrase for the goal.
-    """
+    """Return the usual phrase for a joint goal, such as "open the drawer"; None without a usual phrase."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]

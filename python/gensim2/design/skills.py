@@ -80,9 +80,7 @@ _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, openness: float | None = None) -> Strategies:
-    """Return the library's strategies that open or close a joint. If ``openness`` is given, the strategies stop at this
-    openness instead of the joint limit.
-    """
+    """Return the library's strategies that move a joint, to ``openness`` or to the joint limit."""
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     if openness is None:
         return found
@@ -125,9 +123,7 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that put the grasped object onto a rigid object, or into it if it is hollow and large enough.
-    Each strategy releases the grasped object at a different height. The strategy with the lowest height comes first.
-    """
+    """Return strategies that put the object onto or into a rigid object, from the lowest release height up."""
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {

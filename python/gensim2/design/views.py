@@ -50,9 +50,7 @@ _STARTING = Lock()
 
 
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
-    """Return a picture of an object with labelled keypoints. An articulated object is shown at three joint positions, a
-    rigid object from three sides.
-    """
+    """Return a picture with labelled keypoints: three joint positions, or three sides of a rigid object."""
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
@@ -71,9 +69,7 @@ class SceneViews:
         return self.actuation(task, {}, step)
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """Return a picture of the scene with the arm at the actuation pose of ``step``, or of the initial scene if the
-        solver finds no pose.
-        """
+        """Return a picture with the arm at the actuation pose of ``step``; the initial scene without a pose."""
         told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **self.options.to_record()}
         given = (self.options, task, {name: dict(each) for name, each in steps.items()}, step)
         return LazyPicture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
@@ -141,9 +137,7 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Return the joint positions (n,) of the arm at the actuation pose, and the hand pose (4, 4) in the base frame.
-    Return (None, None) if no pose was found.
-    """
+    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # if the tool is a grasped object, its grasp is planned first

@@ -45,9 +45,7 @@ class TaskRow:
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Set of object instances with which the task's strategies were designed. The value is ``"all"`` if at least
-        one strategy was designed with all instances, and None if the set is unknown.
-        """
+        """Instances with which the strategies were designed: ``"all"`` if any used all; None if unknown."""
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None

@@ -190,9 +190,7 @@ def _keep_missing(
     episodes: Sequence[Episode],
     progress: Progress,
 ) -> None:
-    """Repeat each episode that needs a video but has no recorded states, and store its states. The states are missing
-    if an earlier call wrote the episode into the same folder without a video.
-    """
+    """Repeat the episodes without stored states that need a video, and store their states."""
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
     config = runner.config(given.spec, given.instances)

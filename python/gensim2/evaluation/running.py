@@ -1,6 +1,4 @@
-"""Run the episodes from which a table of success rates is computed. Scenes are determined by seeds, and each finished
-episode is logged at once.
-"""
+"""Run the episodes of a table of success rates; seeds determine scenes; episodes are logged at once."""
 
 from __future__ import annotations
 
@@ -66,9 +64,7 @@ Made = TypeVar("Made", bound=Table)
 
 @dataclass(frozen=True)
 class TableExtent:
-    """Episodes for each task of a table: ``runs`` runs of ``episodes`` episodes each. Their scenes are derived from
-    ``seed``.
-    """
+    """Episodes of each task: ``runs`` runs of ``episodes`` episodes, with scenes derived from ``seed``."""
 
     runs: int
     episodes: int

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 View = tuple[float, float]
-"""Openness of the object (0 to 1) in a picture, and azimuth of the camera (degrees around the object; 0 is the robot's
-side, 90 the robot's right)."""
+"""Openness (0 to 1) in a picture and azimuth of the camera (degrees; 0: the robot's side, 90: its right)."""
 
 OPENNESS = (0.0, 0.5, 1.0)
 HALF_OPEN = 0.5
@@ -181,9 +180,7 @@ def _towards_camera(azimuth: float) -> Array:
 
 
 def _points(model: ArticulatedObject | RigidObject, openness: float, solids: Sequence[tuple[Surface, Array]]) -> Array:
-    """Return the vertices of the object's surfaces, and its keypoints (N, 3), in the world frame. The first of `solids`
-    is the table.
-    """
+    """Return the surfaces' vertices and the keypoints (N, 3) in the world frame; ``solids[0]`` is the table."""
     _, *own = solids
     vertices = [transform(pose, surface.vertices.astype(np.float64)) for surface, pose in own]
     return np.concatenate([*vertices, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])

@@ -61,9 +61,7 @@ def reach_findings(instance: ArticulatedObject, profile: RobotProfile) -> list[F
 
 
 def in_base(instance: ArticulatedObject, name: str, openness: float, profile: RobotProfile) -> Array:
-    """Return the position (3,) of a keypoint in the robot's base frame, in metres. The object is in its default
-    placement.
-    """
+    """Return a keypoint (3,) in the robot's base frame, m, with the object in its default placement."""
     keypoint = instance.keypoints[name]
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
@@ -191,9 +189,7 @@ def validate(
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
-    """Return a summary of reports as JSON data: the number of ``objects``, the number of ``sound`` objects, and the
-    number of findings of each check.
-    """
+    """Return a summary as JSON data: numbers of ``objects``, of ``sound`` ones, and of findings by check."""
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {
         "schema_version": 1,
@@ -205,9 +201,7 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 
 def family(check: str) -> str:
-    """Return the name of a check with the numbers in the name replaced by X. For example, ``openness 0.5`` becomes
-    ``openness X``. Checks that differ only in such a number are then counted together.
-    """
+    """Return a check's name with X for numbers, so that similar checks are counted together."""
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 

@@ -501,9 +501,7 @@ class ClauseParser:
         return clause
 
     def _continuation(self, last: Clause) -> Clause | None:
-        """Read a clause that shares the verb of the clause before: "... and off again", or "... and the pear on the
-        plate".
-        """
+        """Read a clause that shares the verb of the clause before: "... and off again", "... and the pear"."""
         start, verb = self._at, last.verbs[-1]
         modifier = self._modifier()
         self._skip(PHRASES["neutral"])

@@ -212,9 +212,7 @@ class _Reading:
         return clause
 
     def _grips(self, clause: Clause) -> bool:
-        """Return whether a clause only takes hold of an object that the next clause moves, as in "grab the handle of
-        the bucket and lift it".
-        """
+        """Return whether a clause only grasps an object that the next clause moves: "grab the handle and lift it"."""
         (mention,) = clause.objects if len(clause.objects) == 1 else (None,)
         if mention is None or clause.modifiers or clause.source:
             return False

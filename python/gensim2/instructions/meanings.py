@@ -68,9 +68,7 @@ def meaning(mention: Mention, action: Action, half: bool) -> MoveJoint | None:
 
 @cache
 def solved() -> dict[MoveJoint, str]:
-    """Return the joint goals that a task of the library reaches, with the name of the task. Tasks of the paper come
-    first.
-    """
+    """Return the joint goals of the library's tasks with the name of the task; the paper's tasks come first."""
     found: dict[MoveJoint, str] = {}
     for name in dict.fromkeys((*task_names("paper"), *task_names())):
         goal = joint_goal(load_task(name))

@@ -156,9 +156,7 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
-    """Return a truncated cone from ``a`` to ``b``. The circle of its collision hull is approximated by ``sides`` edges,
-    and the circle of its visual mesh by twice as many edges.
-    """
+    """Return a truncated cone from ``a`` to ``b``; its hull has ``sides`` edges, its visual mesh twice as many."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
     seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
@@ -273,9 +271,7 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
 
 def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float, legs: int) -> list[Array]:
-    """Return ``legs`` + 1 evenly spaced points on an arc: ``center + radius (cos t u + sin t v)`` for angles t from
-    ``start`` to ``stop`` (rad). ``legs`` is the number of straight segments of the arc.
-    """
+    """Return ``legs`` + 1 points ``center + radius (cos t u + sin t v)`` for t from ``start`` to ``stop`` (rad)."""
     c, u, v = np.asarray(center, float), np.asarray(u, float), np.asarray(v, float)
     return [c + radius * (np.cos(t) * u + np.sin(t) * v) for t in np.linspace(start, stop, legs + 1)]
 

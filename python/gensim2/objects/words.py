@@ -112,9 +112,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction for the task of moving the joint of an object halfway; None if people seldom ask for this
-    task.
-    """
+    """Return the instruction for moving an object's joint halfway; None if people seldom ask for it."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -145,9 +143,7 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Return the classes of rigid objects that people often ask a robot to lift (``how`` is ``"lifted"``) or to hand
-    over (``"handed over"``), the most likely class first.
-    """
+    """Return rigid classes that people ask to have ``"lifted"`` or ``"handed over"``, the likeliest first."""
     return tuple(_table()["handled"].get(how, ()))
 
 
@@ -157,9 +153,7 @@ def belongs(asset_class: str) -> tuple[str, ...]:
 
 
 def noun(asset_class: str) -> str:
-    """Return the noun for an object of a class. If the package has no noun for the class, derive the noun from the
-    class's name.
-    """
+    """Return the noun for an object of a class; without a stored noun, derive it from the name."""
     table = _table()
     if asset_class in table["articulated"]:
         return str(table["articulated"][asset_class]["noun"])
@@ -194,9 +188,7 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 
 
 def in_ascii(phrase: str) -> str:
-    """Convert a phrase to ASCII words for use in names. If a letter cannot be converted, return ``object`` and a number
-    computed from the phrase, so that different phrases give different names.
-    """
+    """Convert a phrase to ASCII words for names; otherwise ``object`` with a number computed from the phrase."""
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
     # The conversion to ASCII removes accents, but it also removes letters without an ASCII form. The result is used
     # only if no letter was removed.

@@ -1,6 +1,4 @@
-"""Plan one step of a task in a scene. The result contains the motion of the arm, the control steps that execute the
-motion, and the predicted scene after the step.
-"""
+"""Plan one step in a scene: the arm's motion, its control steps, and the predicted scene after the step."""
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject

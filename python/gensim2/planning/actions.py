@@ -226,9 +226,7 @@ class _Rows:
             self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
-        """Append rows in which the arm stays at the trajectory sample ``step`` while the fingers close slowly and then
-        press with the command ``grip``.
-        """
+        """Append rows that close the fingers slowly at sample ``step`` and then press with the command ``grip``."""
         travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)

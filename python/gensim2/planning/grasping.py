@@ -95,17 +95,13 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Return the angle (rad) between a grasp's closing direction and the edge of the friction cone. The friction
-    coefficient is the smaller of the values of scene and strategy.
-    """
+    """Return the angle (rad) from a grasp's closing direction to the edge of the smaller friction cone."""
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Return the distance (m) of an object's centre of mass from the line between the pads. Return 0 if the centre of
-    mass is unknown.
-    """
+    """Return the distance (m) of an object's centre of mass from the pads' line; 0 if it is unknown."""
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]
@@ -113,9 +109,7 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
-    """Return whether two hand poses (4, 4) are the same grasp. A pose in which the fingers are swapped counts as the
-    same.
-    """
+    """Return whether two hand poses (4, 4) are the same grasp, also with swapped fingers."""
     from scipy.spatial.transform import Rotation  # imported here because checking arguments does not need SciPy
 
     turn = T_object_hand[:3, :3].T @ other[:3, :3]

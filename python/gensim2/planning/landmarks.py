@@ -22,11 +22,9 @@ UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
 """Minimum free height (m) above a surface that counts as a floor."""
 BESIDE, EVEN, SIDES = 0.03, 0.01, 3
-"""On ``SIDES`` or more of its four sides, a floor must extend ``BESIDE`` metres and be level within ``EVEN`` metres.
-"""
+"""A floor must be level within ``EVEN`` m and extend ``BESIDE`` m on ``SIDES`` or more of its four sides."""
 ABOVE = 0.02
-"""Maximum height (m) of a floor above the keypoint, because annotated keypoints can lie slightly inside a shelf.
-"""
+"""Maximum height (m) of a floor above the keypoint; annotations can lie slightly inside a shelf."""
 
 
 def floor(scene: Scene, name: str) -> Array:
@@ -52,9 +50,7 @@ def floor(scene: Scene, name: str) -> Array:
 
 
 def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
-    """Intersect the vertical line through ``point`` with the bodies. Return the intervals inside the bodies, in metres
-    above the point.
-    """
+    """Return the intervals of the vertical line through ``point`` inside the bodies, m above the point."""
     return sorted(span for body in bodies for span in _spans_of(body, point, up))
 
 

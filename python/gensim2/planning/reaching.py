@@ -1,6 +1,4 @@
-"""Plan a motion to the actuation pose, where the hand starts to act on its target. If possible, the hand does not touch
-the target before this pose.
-"""
+"""Plan a motion to the actuation pose, if possible without contact with the target before."""
 
 from __future__ import annotations
 

@@ -129,9 +129,7 @@ class Scene:
     finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
-        """Return the friction coefficient between the fingers and a rigid object: the mean of the coefficients of the
-        two surfaces. Return None if one of the coefficients is unknown.
-        """
+        """Return the mean friction coefficient of fingers and a rigid object; None if one is unknown."""
         surface = self.objects[name].friction
         return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 

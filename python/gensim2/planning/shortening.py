@@ -42,9 +42,7 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
 
 
 def _openness_after(motion: Any, openness: float | None) -> float | None:
-    """Return the openness of the joint after a motion. Return None if it cannot be computed, because the motion is
-    given by a change of the joint value in rad or m.
-    """
+    """Return the joint's openness after a motion; None if the motion is a change in rad or m."""
     if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
         return float(motion[1])
     return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None

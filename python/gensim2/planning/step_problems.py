@@ -162,9 +162,7 @@ class StepProblems:
 
 
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
-    """Return the keypoints of the grasped object by name. The step's tool is this object, so its keypoints are named
-    without the prefix ``<object>/``. If the tool is the bare hand, return an empty dict.
-    """
+    """Return the grasped object's keypoints by bare name (it is the tool); an empty dict for the bare hand."""
     if tool == HAND:
         # the problem already contains the keypoints of the grasped object, named with the prefix ``<object>/``
         return {}

@@ -251,9 +251,7 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """Plan to grasp the moving link and to move the joint. The method uses the first grasp that the hand reaches
-        without touching the object earlier, and that allows the complete motion of the joint.
-        """
+        """Plan to grasp and move the link, with the first grasp that is reached freely and allows the whole motion."""
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
@@ -307,9 +305,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return a plan of the step in a predicted scene, with the first strategy for which planning succeeds. Return
-        None if planning fails with every strategy.
-        """
+        """Return a plan in a predicted scene with the first strategy that has one; None without a plan."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue

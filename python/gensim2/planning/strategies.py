@@ -61,9 +61,7 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without the field ``makes_room``. The planner uses the result to plan the motion of the
-        obstacle as a step of its own.
-        """
+        """Return this strategy without ``makes_room``, to plan the obstacle's motion as a step of its own."""
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property

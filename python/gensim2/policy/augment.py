@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 OFF = 0.5
 """Fraction of samples whose arm joints are perturbed."""
 HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
-"""The fingers may have grasped an object if the gripper command is below ``HOLDS_COMMAND`` and the pads are more than
-``HOLDS_WIDTH`` (m) apart. The command for a wide object is only slightly below open.
-"""
+"""Fingers may hold something below the command ``HOLDS_COMMAND`` and wider than ``HOLDS_WIDTH`` (m)."""
 
 
 def augmented(

@@ -48,9 +48,7 @@ def checkpoint_folder(place: Path | str) -> Path:
 
 
 class CheckpointError(InputError):
-    """Raised if a checkpoint is damaged, was written by another version of gensim2, or does not fit the robot, the task
-    or the command.
-    """
+    """A checkpoint is damaged, of another version, or does not fit the robot, the task or the command."""
 
 
 class DataRecord(Record):

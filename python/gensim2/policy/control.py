@@ -1,6 +1,4 @@
-"""Replace the point cloud that a policy observes, to measure how much the policy depends on it. The replacement is a
-cloud of zeros, or the cloud of another scene.
-"""
+"""Replace the policy's cloud by zeros or another scene's cloud, to measure how much the policy uses it."""
 
 from __future__ import annotations
 
@@ -100,9 +98,7 @@ class Sight:
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """Return the observation with the replacement cloud. If this is the cloud of another scene, the episode's
-        ``seed`` selects the scene.
-        """
+        """Return the observation with the replacement; the episode's ``seed`` selects the other scene."""
         if self.sees == "all":
             return observation
         cloud = observation.cloud

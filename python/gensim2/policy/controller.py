@@ -67,9 +67,7 @@ class PolicyController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller's behaviour. The weights file is not listed, because one of
-        the returned files contains its SHA-256.
-        """
+        """Return the files that determine the controller; one of them contains the SHA-256 of the weights."""
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(

@@ -133,9 +133,7 @@ def _relabel(
     workers: int,
     progress: Progress,
 ) -> Relabels:
-    """Return the labels that the planner computes for one task in one round. Read the labels from the file ``path`` if
-    it exists; otherwise run rollouts of the policy, and write the labels to the file.
-    """
+    """Return the planner's labels of a task in a round, from the file ``path`` or from rollouts."""
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 

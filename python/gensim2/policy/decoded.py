@@ -224,9 +224,7 @@ def _fill(
 
 
 def _allocate(file: Path) -> None:
-    """Allocate the disk space of a sparse file. Without this allocation, writing to the file's memory map on a full
-    disk would kill the process.
-    """
+    """Allocate a sparse file's disk space; without it, a full disk would kill the process at a write."""
     with file.open("r+b") as stream:
         os.posix_fallocate(stream.fileno(), 0, os.fstat(stream.fileno()).st_size)
 

@@ -123,9 +123,7 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return the tool poses at later keyframes, which a policy learns to predict. ``keys`` (B, K) contains the
-        frame numbers of the keyframes. The poses of sample b are relative to the tool pose at the frame ``rows[b]``.
-        """
+        """Return tool poses at later keyframes ``keys`` (B, K), relative to the tool pose at frame ``rows[b]``."""
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
         R = matrix_of_quaternion(now[:, 3:])

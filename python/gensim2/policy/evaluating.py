@@ -20,9 +20,7 @@ from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.rollout.run import Stop
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""Control experiments: the policy with all points at the origin, the policy with clouds of other scenes, an arm that
-does not move, and the planner with the true state of the scene.
-"""
+"""Control experiments: points at the origin, clouds of other scenes, an arm at rest, the planner with true state."""
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
 CONTROL_EPISODES = 30

@@ -30,9 +30,7 @@ TOLERANCE = 1e-5
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """Policy network in the form that is exported: its inputs are separate tensors. The inputs are ``cloud`` and
-    ``proprio``, ``text`` if the policy uses instructions, and ``noise`` if the head needs random noise.
-    """
+    """Policy network for export, with separate inputs: cloud, proprio, and text and noise if they are used."""
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()

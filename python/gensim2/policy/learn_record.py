@@ -90,9 +90,7 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the path of the starting policy replaced by the path in ``now``, which is the record
-        of the command that resumes the run.
-        """
+        """Return this record with the starting policy's path from ``now``, the resuming command's record."""
         return self.model_copy(update={"start": now.start})
 
     @property

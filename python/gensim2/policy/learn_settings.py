@@ -36,8 +36,7 @@ OF_CHUNKS = (
     "colour_jitter",
     "arm_noise",
 )
-"""Settings of action-chunk policies only. A keypose policy sees one uncoloured cloud in the ``turned`` frame.
-"""
+"""Settings of action-chunk policies only; keypose policies see one uncoloured cloud in the ``turned`` frame."""
 ELSEWHERE = {
     "head": "say it with --policy",
     "text": "say it with --text",

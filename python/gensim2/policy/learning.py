@@ -40,8 +40,7 @@ from gensim2.scenes.config import SceneArguments
 from gensim2.scenes.physics import Engines
 
 SCENES = 2000
-"""Default maximum number of scenes of each task; more scenes do not help a training run of a few minutes.
-"""
+"""Default maximum number of scenes of a task; training runs of a few minutes gain nothing from more."""
 OBJECTS = 200
 """Default number of generated training objects of each class for keypose policies."""
 RESULT_JSON = "result.json"

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
 
 CLOUD, PROPRIO, TEXT = "cloud", "proprio", "text"
-"""Names of a batch's inputs: clouds (B, T, N, C), robot states (B, T, P) (:class:`~gensim2.policy.frames.Inputs`), and
-encoded instructions (B, ...).
-"""
+"""Inputs of a batch: clouds (B, T, N, C), robot states (B, T, P), and encoded instructions (B, ...)."""
 
 SMALLEST = 1e-2
 """Minimum scale by which proprioception is divided, rad or m."""

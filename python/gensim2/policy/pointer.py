@@ -38,8 +38,7 @@ BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
 NEAR = 96
 """Number of points in the second stage."""
 LOOKED_AT = 1
-"""Index of the keyframe on which the second stage is centred. It is not the first keyframe, because that is often in
-free space."""
+"""Index of the second stage's keyframe; the first keyframe is often in free space."""
 NOISE = 0.01
 """Standard deviation (m) of the noise on the second stage's origin in training."""
 METRE, CENTIMETRES = 0.05, 0.1

@@ -150,9 +150,7 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return the actions of a plan. At the start of a plan, the arm waits until the fingers have reached their
-    commanded position. If the fingers are already there, omit these waiting actions.
-    """
+    """Return a plan's actions, without the wait for the fingers at its start if they are already there."""
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
@@ -172,9 +170,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand has reached or passed the approach pose. A plan that starts there would first move the
-    hand away from the object.
-    """
+    """Return whether the hand has passed the approach pose; a new plan would first move it away."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -253,9 +249,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch in which a fraction ``SHARE`` of the samples are labels; the other samples are
-        demonstrations.
-        """
+        """Return a batch with a fraction ``SHARE`` of labels; the other samples are demonstrations."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

@@ -56,9 +56,7 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """Return a policy's folder and the SHA-256 of its configuration, for the record of a run that starts from this
-    policy.
-    """
+    """Return a policy's folder and its configuration's SHA-256, for records of runs that start from it."""
     return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 

@@ -358,9 +358,7 @@ def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Update the moving averages of the weights. In the first steps the function uses a smaller decay than ``decay``,
-    so that the averages soon forget the initial weights.
-    """
+    """Update the weights' moving averages, with a smaller decay at first to forget the initial weights."""
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))
     torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)

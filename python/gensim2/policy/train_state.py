@@ -39,9 +39,7 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield each setting whose value differs between this identity and ``now``. Ignore settings that an earlier
-        version of gensim2 did not record.
-        """
+        """Yield the settings that differ from ``now``, without those that earlier versions did not record."""
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))

@@ -80,9 +80,7 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Prepend the readout token to the tokens (B, S - 1, D), and return the output tokens (B, S, D) of the
-        transformer. The first output token belongs to the readout token.
-        """
+        """Prepend the readout token to (B, S - 1, D) tokens; return the transformer's output tokens (B, S, D)."""
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:
             tokens = block(tokens)

@@ -141,9 +141,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
-    """Check that the ``<mimic>`` elements of the URDF agree with the coupled and passive gripper joints of the profile.
-    The planner reads only the URDF, so it would otherwise move these joints differently from the simulator.
-    """
+    """Check that the URDF's ``<mimic>`` elements, all that the planner reads, agree with the profile."""
     written = gensim2_kpam.read_urdf(read_input(profile.urdf, MAX_URDF), str(profile.urdf))
     followed = {joint["name"]: joint["mimic"] for joint in written["joints"]}
     remedy = "give the joint a <mimic> element with these numbers"

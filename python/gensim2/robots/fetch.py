@@ -14,9 +14,7 @@ TORSO_HEIGHT = 0.38
 """Position of the torso's lift joint, m; its maximum is 0.386. The shoulder is then 0.57 m above the table."""
 
 FINGERTIP = 0.024
-"""Distance in metres from ManiSkill's ``gripper_link`` along the fingers, 7 mm behind their tips like the Panda's head
-keypoint.
-"""
+"""Distance (m) from ManiSkill's ``gripper_link`` to 7 mm behind the finger tips, as for the Panda."""
 
 
 def fetch_files() -> RobotFiles:

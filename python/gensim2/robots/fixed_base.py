@@ -1,6 +1,4 @@
-"""Convert the URDF of a mobile robot into the URDF of a fixed arm with the hand frame that this package uses for every
-robot.
-"""
+"""Convert a mobile robot's URDF to that of a fixed arm with this package's hand frame."""
 
 from __future__ import annotations
 

@@ -39,9 +39,7 @@ def fr3_files() -> RobotFiles:
 
 
 def fr3() -> RobotProfile:
-    """Return the robot profile. It equals the profile of the Panda, except for the joint limits and the files of the
-    Research 3.
-    """
+    """Return the robot profile: the Panda's, with the joint limits and files of the Research 3."""
     known = panda()
     return replace(
         known,

@@ -71,9 +71,7 @@ class Gripper(Protocol):
     def widest(self) -> float: ...
 
     def target(self, command: Row) -> Row:
-        """Return the target of a driven joint, in rad or m, for each command in an array of any shape. Commands outside
-        the range from -1 to 1 are clipped.
-        """
+        """Return a driven joint's target, rad or m, for commands of any shape, clipped to -1..1."""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -83,9 +81,7 @@ class Gripper(Protocol):
         """Return the command that opens the pads to ``opening`` (m), without clipping to -1 and 1."""
 
     def command_at(self, q: Array) -> float:
-        """Return the command that moves the gripper joints to the values ``q`` (g,). The result may lie outside the
-        range from -1 to 1.
-        """
+        """Return the command for gripper joint values ``q`` (g,); it may lie outside -1..1."""
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
         """Return the command with which each pad presses with ``force`` (N) on an object between the pads.

@@ -43,9 +43,7 @@ def panda_long_files() -> RobotFiles:
 
 
 def _lengthen(link: ET.Element, side: float) -> None:
-    """Replace a finger's shapes by one box. ``side`` is 1 if the finger opens in the positive y direction, and -1 if it
-    opens in the negative y direction.
-    """
+    """Replace a finger's shapes by a box; ``side``: 1 if it opens towards positive y, else -1."""
     for kind in ("visual", "collision", "inertial"):
         for element in link.findall(kind):
             link.remove(element)

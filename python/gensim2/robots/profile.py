@@ -115,9 +115,7 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of the m arm joints: the maximum velocity (m,) in rad/s or m/s, the maximum acceleration (m,) in rad/s^2
-    or m/s^2, and the maximum jerk (m,) in rad/s^3 or m/s^3.
-    """
+    """Maximum velocity, acceleration and jerk (m,) of the m arm joints, in rad or m, per s, s^2 and s^3."""
 
     velocity: Array
     acceleration: Array
@@ -314,9 +312,7 @@ class RobotProfile:
         )
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
-        """Return the positions of the tool keypoints by name, each (3,) in the world frame, m. ``T_world_hand`` (4, 4)
-        is the pose of the hand.
-        """
+        """Return the tool keypoints (3,) by name in the world frame, m, for the hand pose ``T_world_hand`` (4, 4)."""
         points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
         return dict(zip(self.tool_keypoints, points, strict=True))
 

@@ -105,9 +105,7 @@ class RobotPlace(str):
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Tell pickle how to restore this object. The process that restores it gets the permission to load the robot,
-        and loads the robot on its first use.
-        """
+        """Let pickle restore this object with permission to load the robot, which loads on first use."""
         return _granted, (str(self),)
 
 
@@ -239,9 +237,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
 
 
 def _parted(place: str) -> tuple[Path | None, str, str]:
-    """Split the location of a robot into a file, a module and the name of a function. Either the file is None or the
-    module is empty; the name of the function may be empty.
-    """
+    """Split a robot's location into file (or None), module (or empty) and function name (may be empty)."""
     path, _, function = place.rpartition(":")
     if place.endswith(".py"):
         return Path(place), "", ""

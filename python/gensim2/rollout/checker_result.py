@@ -112,9 +112,7 @@ class CheckerResult:
 
     @property
     def recognized(self) -> tuple[int, int]:
-        """Number of successful end states in which the goal holds, and number of all successful end states that were
-        built.
-        """
+        """Number of successful end states in which the goal holds, and number of all that were built."""
         return total([each for each in self.counts if each.step is None and each.mutation == DONE])
 
     @property
@@ -130,9 +128,7 @@ class CheckerResult:
 
     @property
     def reason(self) -> str:
-        """Sentence that names the kinds of mutated worlds in which the criteria of the goal are wrongly true, the most
-        frequent kind first. It is empty if the criteria are right in all mutated worlds.
-        """
+        """Sentence on the kinds of mutated worlds with wrongly true criteria, most frequent first; may be empty."""
         wrong = sorted((each for each in self.of_goal if each.fooled), key=lambda each: -each.fooled)
         if not wrong:
             return ""

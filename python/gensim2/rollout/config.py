@@ -140,9 +140,7 @@ class EpisodeConfig:
 
 
 def nested_options(record: Any) -> Any:
-    """Return the record of a run with its options grouped: scene options in the field ``scene``, and rollout options in
-    the field ``rollout``. Files store all options side by side.
-    """
+    """Return a run's record, which files store flat, with options in the fields ``scene`` and ``rollout``."""
     if not isinstance(record, dict):
         return record
     current = with_current_scene(record)

@@ -196,9 +196,7 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Import a file as a module. An unchanged file is imported only once. The file may import modules from its
-    folder.
-    """
+    """Import a file as a module, an unchanged file only once; it may import modules from its folder."""
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

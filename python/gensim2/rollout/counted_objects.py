@@ -50,9 +50,7 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 
 
 def number_of_objects(given: TaskInput) -> int:
-    """Return the number of different objects in a task's scenes. If the task has articulated objects, only these are
-    counted.
-    """
+    """Return the number of different objects in the scenes: articulated ones if the task has any."""
     chosen = given.scene.instances
     classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)

@@ -165,9 +165,7 @@ class _Facts:
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of a step that should have grasped an object but did not lift it, or lost it later; None if
-        the step has no such fault.
-        """
+        """Return the fault of a step that did not lift its object or lost it later, else None."""
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:

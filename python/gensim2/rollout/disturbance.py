@@ -103,9 +103,7 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """Return the event with which the controller reports that the hand has first reached the grasp pose; None
-        before this event.
-        """
+        """Return the event of the hand's first arrival at the grasp pose; None before."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

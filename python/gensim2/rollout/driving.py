@@ -1,6 +1,4 @@
-"""Run controllers in a control loop, also on real robots, which cannot wait until the controller has computed an
-action.
-"""
+"""Run controllers in a control loop, also on real robots, which do not wait for the controller."""
 
 from __future__ import annotations
 

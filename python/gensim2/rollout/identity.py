@@ -71,9 +71,7 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of the ids of all objects that a library has in the given classes. A resumed run compares the hash
-    with the hash that the run has stored: if the library has changed, the episodes would be different.
-    """
+    """Return a hash of all ids in the given classes; a resumed run compares it to find changed libraries."""
     return digest({name: list(library.instances(name)) for name in classes})
 
 
@@ -83,9 +81,7 @@ def listings(given: Sequence[TaskInput]) -> dict[str, str]:
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return hashes of the inputs of a run with several tasks. One hash is for the tasks, one for their strategies, and
-    one for the ids of the objects in the library.
-    """
+    """Return hashes of a run's tasks, strategies and object ids."""
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
         "strategies": digest([one.strategies for one in given]),

@@ -89,9 +89,7 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Return how far (m) a rigid object moved between the start of the measurements and the time when the hand reached
-    the actuation pose. Return None if the distance is at most ``DRIFTED``.
-    """
+    """Return a rigid object's motion (m) before the actuation pose; None up to ``DRIFTED``."""
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -114,9 +112,7 @@ def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return the distance (m) that a grasped object slipped in the hand. Return None if the object did not slip, or if
-    the hand released it on purpose.
-    """
+    """Return how far (m) an object slipped in the hand; None without slipping or after its release."""
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
@@ -167,9 +163,7 @@ def _of_joint(
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return how far (m) the hand slipped on the object. This is the distance that the hand moved after the object had
-    stopped, in the direction in which it had moved the object.
-    """
+    """Return how far (m) the hand moved on in the object's direction after the object had stopped."""
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
     hand = np.stack([_hand(instant) for instant in measured])

@@ -28,8 +28,7 @@ LARGEST_OVERSHOOT = 0.5
 """Maximum openness outside 0..1 in a stable simulation; usually joint limits are exceeded by 1 % of this value."""
 
 FARTHEST = 10.0
-"""Maximum distance (m) of a rigid object from the world's origin in a stable simulation, even after a fall.
-"""
+"""Maximum distance (m) of a rigid object from the world's origin in a stable simulation, even after a fall."""
 
 
 @dataclass(frozen=True)

@@ -64,9 +64,7 @@ CARRIED, LIFTED = 0.2, 0.15
 """Displacement (m) of an object that was moved or lifted."""
 
 LOWERED_FROM = (0.02, 0.0, -0.02)
-"""Heights (m) above the measured point of a container from which an object is lowered, the first that is free. A shelf
-may leave little space.
-"""
+"""Heights (m) above a container's point from which an object is lowered; the first free one is used."""
 
 HAND_ABOVE = 0.15
 """Height (m) of the hand above an object that it has not reached."""
@@ -107,9 +105,7 @@ class _State:
         return replace(self, objects={**self.objects, **changed})
 
     def with_openness(self, name: str, openness: float) -> _State:
-        """Set the openness of an articulated object. Rigid objects that lie in the object's moving part, such as a
-        drawer, move together with this part.
-        """
+        """Set an articulated object's openness; rigid objects in its moving part, such as a drawer, move along."""
         before = self.objects[name]
         after = replace(before, openness=openness)
         moved = {name: after}
@@ -212,9 +208,7 @@ class _Worlds:
         return _carried(state, step.object, way) if way is not None else state
 
     def _put_of(self, step: Step) -> tuple[str, str] | None:
-        """Return the rigid object that a step places, and the object on or in which the step places it; None for other
-        steps.
-        """
+        """Return the rigid object that a step places and the object on or in which it does; None for others."""
         if step.tool != HAND:
             return (step.tool, step.object) if self._task.motion_of(step) is None else None
         on = [c for c in self._criteria(step) if isinstance(c, RigidOnRigid) and c.rigid == step.object]
@@ -229,9 +223,7 @@ class _Worlds:
         return step.done or (self._task.success if step is self._task.steps[-1] else ())
 
     def _way(self, step: Step) -> Array | None:
-        """Return the displacement (3,), m, by which a step must move its rigid object to meet the criteria; None if no
-        criterion requires a displacement.
-        """
+        """Return the displacement (3,), m, of a rigid object that meets the criteria; None if none is required."""
         about = [c for c in self._criteria(step) if step.object in c.objects]
         way = np.zeros(3)
         for criterion in about:

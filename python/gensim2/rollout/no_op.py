@@ -1,6 +1,4 @@
-"""Run the no-op baseline: simulate the scene of an episode without a moving arm. If the goal is reached in this
-baseline, the episode does not count as a success of the robot.
-"""
+"""Run the no-op baseline: the same scene with a still arm. A goal reached there is no success of the robot."""
 
 from __future__ import annotations
 

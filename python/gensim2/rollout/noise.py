@@ -1,6 +1,4 @@
-"""Add noise to the joint targets, so that demonstrations also show how the arm recovers from errors. The noise-free
-action is recorded as the correct action.
-"""
+"""Add noise to joint targets, so that demonstrations show recoveries; noise-free actions are recorded as correct."""
 
 from __future__ import annotations
 

@@ -155,9 +155,7 @@ class StepRecord:
 
     @property
     def replans(self) -> int:
-        """Return the number of plans made after the start of the step. Plans that compare strategies at the start of
-        the step do not count.
-        """
+        """Return the number of plans after the start of the step, without those that compare strategies."""
         return sum(plan.trigger != START for plan in self.plans)
 
 

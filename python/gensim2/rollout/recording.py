@@ -59,9 +59,7 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """Return the actions (T, m + 1) as the planner intended them, without added noise. If a step has no intended
-        action, the last intended action before the step is repeated.
-        """
+        """Return the actions (T, m + 1) without added noise; without a new one, the last is repeated."""
         if "action" not in self.reference:
             return self.actions
         given = self.reference["action"]
@@ -128,9 +126,7 @@ class Recorder:
         )
 
     def _observed(self) -> npt.NDArray[np.float32]:
-        """Return the observations (T + 1, D). The method computes the tool poses of all steps in one call, because
-        separate calls would take more time.
-        """
+        """Return the observations (T + 1, D); one call computes the tool poses of all steps, to save time."""
         obs = np.stack(self._obs)
         joints = len(self._world.profile.reset_qpos)
         obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])

@@ -18,9 +18,7 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06
-"""Distance (m) between keypoints of gripper and object below which the hand counts as near; larger than the ``strict``
-verdict requires.
-"""
+"""Distance (m) of gripper and object keypoints below which the hand is near; above that of ``strict``."""
 CLEAR = 0.003
 """Distance (m) between hand and object below which the planner assumes that they are in contact."""
 SPEED = 0.5

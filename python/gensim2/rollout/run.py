@@ -180,9 +180,7 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Return the seed for the controller's random numbers. The seed is computed from the scene's seed in such a way
-    that a controller cannot find out the scene's seed.
-    """
+    """Return the controller's seed, computed from the scene's seed so that it does not reveal that seed."""
     return int(rng(seed, "controller").integers(2**32))
 
 
@@ -331,9 +329,7 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller's specification for this attempt. After the first attempt, the solver gets a different
-        seed and starts from more initial joint positions, so that it can find other solutions.
-        """
+        """Return the controller for this attempt; later attempts use another seed and more start values."""
         if self.seed == 0:
             return spec
         options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "num_seeds": NUM_SEEDS}

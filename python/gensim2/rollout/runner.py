@@ -81,9 +81,7 @@ class EpisodeRunner:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time (s) that this process and all jobs have used since the runner was created, without the time for
-        starting the worker processes.
-        """
+        """CPU time (s) of this process and all jobs since creation, without the start of the workers."""
         return time.process_time() - self._begin + self._elsewhere
 
     def config(self, task: TaskSpec, instances: Drawn) -> EpisodeConfig:
@@ -162,9 +160,7 @@ class EpisodeRunner:
     def trials(
         self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]], log: EpisodeLog | None = None
     ) -> list[Episode]:
-        """Run one episode for each job. A job is a pair: the strategies of each step, and a seed. Logging and the order
-        of the records are as in :meth:`episodes`.
-        """
+        """Run an episode for each job (strategies by step, seed); logs and order as in :meth:`episodes`."""
         return self.episodes(
             f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial, log
         )

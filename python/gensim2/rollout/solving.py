@@ -89,9 +89,7 @@ class SolveResult:
         return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data. The fields ``class`` and ``instance`` describe the first object, and
-        ``plan`` is the plan of the first step.
-        """
+        """Return plain data: ``class`` and ``instance`` of the first object, ``plan`` of the first step."""
         steps = [step.to_dict() for step in self.steps]
         first = next(iter(self.objects.values()))
         return {

@@ -1,6 +1,4 @@
-"""Evaluate the ``strict`` verdict: in addition to the goal, conditions that a person would require of a finished
-task.
-"""
+"""Evaluate the ``strict`` verdict: the goal and further conditions that a person would require."""
 
 from __future__ import annotations
 
@@ -32,9 +30,7 @@ DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
 """Maximum openness change and displacement (m) of objects before the first actuation pose."""
 
 DEEPEST = 0.001
-"""Maximum penetration (m) of a rigid object into another body; a deeper penetration is an artefact of the contact
-solver.
-"""
+"""Maximum penetration (m) of a rigid object into a body; more is an artefact of the contact solver."""
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 """Maximum displacement (m) and rotation (rad) of objects that no step acts on."""
@@ -147,9 +143,7 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return the objects that have moved although no step of the task acts on them, with their displacements.
-    Displacements within the tolerance are ignored.
-    """
+    """Return objects that no step acts on but that moved beyond the tolerance, with displacements."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

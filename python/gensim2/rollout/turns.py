@@ -90,9 +90,7 @@ def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return, for each started step, a record with the step's results. If the history is empty, the records are created
-    from the turns.
-    """
+    """Return a record of results for each started step; without a history, records made from the turns."""
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)

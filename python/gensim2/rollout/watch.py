@@ -75,9 +75,7 @@ def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -
 
 
 def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
-    """Return whether an object's position or openness differs from its value in the scene for which the motion was
-    planned, by more than a tolerance.
-    """
+    """Return whether an object differs from the planned scene in position or openness by more than a tolerance."""
     thing = planned.objects[name]
     if thing.joint is not None:
         return abs(measured.openness[name] - thing.joint.openness) > MAX_OPENNESS_DRIFT

@@ -72,9 +72,7 @@ def prepare(scenes: Sequence[SceneOptions]) -> None:
 
 @lru_cache(maxsize=2)
 def simulator(scene: SceneConfig) -> HeadlessEnv:
-    """Return the simulator of a scene. The last two simulators are cached, because consecutive jobs mostly simulate the
-    same task, in one or two engines.
-    """
+    """Return the scene's simulator; the last two are cached, because consecutive jobs share them."""
     from gensim2.sim.headless import HeadlessEnv
 
     return HeadlessEnv(scene)
@@ -127,9 +125,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
 
 
 def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
-    """Count how often the success criteria hold although the task is not done. The states for this test are changed
-    copies of a successful end state in the scene of one seed.
-    """
+    """Count how often criteria hold in changed copies of a successful end state, in one seed's scene."""
     from gensim2.rollout.mutated import judge
 
     return judge(simulator(config.scene), seed)
@@ -164,9 +160,7 @@ def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    """Run one episode as :func:`episode` does, and return its record. If the episode succeeds, also return the recorded
-    states.
-    """
+    """Run one episode as :func:`episode`; return its record and, after a success, its states."""
     found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
@@ -264,9 +258,7 @@ def _rollout(
 
 
 def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> Controller:
-    """Return a controller for an episode. A controller that does not use the simulator's state, such as a policy, is
-    cached, because loading a network takes time.
-    """
+    """Return an episode's controller; policies are cached, because loading a network takes time."""
     from gensim2.rollout.controller import is_privileged
     from gensim2.rollout.guarded import Guarded
 

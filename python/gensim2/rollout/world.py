@@ -64,9 +64,7 @@ class World(Body, Protocol):
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Options of :meth:`reset`. A reset with these options and the seed of the last reset reproduces the current
-        scene.
-        """
+        """Options of :meth:`reset` that reproduce the current scene together with the last reset's seed."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -78,9 +76,7 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements that the criteria use. If the scene has no arm, the measurements describe an arm in
-        its start position.
-        """
+        """Return the criteria's measurements; without an arm, those of an arm in its start position."""
         ...
 
     def scene_state(self) -> Scene:

@@ -1,6 +1,4 @@
-"""Convert the arguments ``task``, ``assets`` and ``instances`` of users to a task, an object library and ids of
-objects.
-"""
+"""Convert users' arguments ``task``, ``assets`` and ``instances`` to a task, a library and ids."""
 
 from __future__ import annotations
 

@@ -165,9 +165,7 @@ class SceneOptions:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Arguments for ``gym.make`` that create an environment with these options. Arguments that equal the default
-        are left out.
-        """
+        """Arguments of ``gym.make`` for an environment with these options, without defaults."""
         usual = SceneOptions(self.assets).to_record()
         return {name: value for name, value in self.to_record().items() if value != usual[name]}
 

@@ -17,9 +17,7 @@ JOINT_SAMPLES = 13
 
 
 def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[Array]:
-    """Return the convex hulls of an object at the joint position ``value``. Each hull is an array of points (N, 3) in
-    the root frame, m.
-    """
+    """Return an object's hulls at the joint position ``value``, each (N, 3) in the root frame, m."""
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
     moving = model.joint.child_link

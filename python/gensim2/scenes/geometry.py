@@ -19,16 +19,12 @@ INSIDE = "inside"
 
 
 def measured_link(model: Model) -> str:
-    """Return the name of the link whose position the success criteria measure. It is the link with the object's last
-    keypoint, or ``BODY`` for a rigid object.
-    """
+    """Return the link that the criteria measure: that of the last keypoint, or a rigid object's ``BODY``."""
     return list(model.keypoints.values())[-1].link if isinstance(model, ArticulatedObject) else BODY
 
 
 def is_container(model: Model) -> bool:
-    """Return whether rigid objects can be put into an object. In this case the name of the object's last keypoint
-    contains the word "inside".
-    """
+    """Return whether objects can be put inside: the last keypoint's name contains "inside"."""
     return isinstance(model, ArticulatedObject) and INSIDE in list(model.keypoints)[-1]
 
 

@@ -139,9 +139,7 @@ def measured_pose(thing: PlacedObject) -> Array:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Check that each criterion fits its object: criteria about joints need articulated objects, criteria about poses
-    need rigid objects.
-    """
+    """Check that criteria about joints have articulated objects, and criteria about poses rigid ones."""
     for criterion in criteria:
         for types, kind, other in (
             (JOINT, ArticulatedObject, "a rigid object, which has no joint"),
@@ -158,9 +156,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
 
 
 def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
-    """Return the lower and the upper bound that the criteria of a goal set for an object's openness. The openness must
-    lie strictly between the bounds.
-    """
+    """Return the exclusive lower and upper bound of a goal's criteria on an object's openness."""
     low, high = -np.inf, np.inf
     for criterion in criteria:
         if isinstance(criterion, ArticulatedOpen) and criterion.object == name:

@@ -204,9 +204,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Sample the values that a preset randomizes in addition to the placements: the factors on each object's mass and
-    friction, and the robot's start configuration.
-    """
+    """Sample a preset's factors on mass and friction of objects, and the robot's start configuration."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")

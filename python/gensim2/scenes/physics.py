@@ -26,8 +26,7 @@ PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
 Redraw = Literal["placement", "none"]
 Engine = Literal["sapien", "mujoco"]
-"""Engines: ``"sapien"`` is PhysX with ManiSkill's environments and renderer, ``"mujoco"`` is MuJoCo without rendering.
-"""
+"""Engines: PhysX with ManiSkill's environments and renderer (``"sapien"``), or MuJoCo (``"mujoco"``)."""
 
 Engines = Literal["one", "both"]
 """Whether a verification is simulated in one engine or in both."""
@@ -90,9 +89,7 @@ PRESETS: Mapping[str, PhysicsSwitches] = {
     DEFAULT_PHYSICS: PhysicsSwitches(),
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
-"""Presets. ``original`` is for comparisons with the paper: all settings except the fingers are the original GenSim2's
-(docs/reference/simulation.md).
-"""
+"""Presets; ``original``: all settings but the fingers are the original GenSim2's (docs/reference/simulation.md)."""
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
 SWITCHES: Mapping[str, tuple[str, ...]] = {
@@ -230,9 +227,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Convert the description of a scene that an older version of gensim2 wrote to the current form. The function
-    replaces old names of physics settings, and adds the default engine if the description names no engine.
-    """
+    """Convert an older version's scene description: current names of settings, and an engine."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

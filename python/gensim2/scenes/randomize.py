@@ -20,9 +20,7 @@ LIGHTEST, HEAVIEST = 0.5, 2.0
 SLIPPERIEST, ROUGHEST = 0.5, 2.0
 """Minimum and maximum factor on contact friction in the ``wide`` preset."""
 LOOSEST, STIFFEST = 0.8, 2.0
-"""Minimum and maximum factor on joint friction in the ``wide`` preset, in addition to the mass factor. Below 0.77 lids
-would fall under their own weight.
-"""
+"""Extremes of the ``wide`` preset's factor on joint friction; below 0.77 lids would fall by themselves."""
 START_SPREAD = 0.1
 """Maximum offset (rad) of each arm joint from its start in the ``wide`` preset."""
 
@@ -67,9 +65,7 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Sample the random values of an object. The function always uses five random numbers, so that the values of the
-    next objects do not depend on the ranges of this object.
-    """
+    """Sample an object's values, always with five random numbers, whatever the ranges are."""
     # One random number selects the instance, so that later samples do not depend on the number of instances.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
@@ -100,9 +96,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Sample log-uniform physical factors. The function always uses three random numbers, also for an object without a
-    joint, so that the values of the next objects do not depend on the kind of this object.
-    """
+    """Sample log-uniform factors, always with three random numbers, also without a joint."""
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
@@ -111,9 +105,7 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """Sample the positions of the robot's active joints at the start. A uniform random offset is added to each arm
-    joint, and the result is clipped to the joint limits.
-    """
+    """Sample the start positions of active joints: uniform offsets of arm joints, clipped to the limits."""
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)

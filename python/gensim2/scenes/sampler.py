@@ -77,9 +77,7 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield the state ``first``, and then the initial states of the seeds in ``GOAL_SEEDS``. Each of these states
-        is sampled only when the caller requests it, because the caller often needs only the first state.
-        """
+        """Yield ``first``, then the states of ``GOAL_SEEDS``, each sampled only on request."""
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:

@@ -1,6 +1,4 @@
-"""Build the robot of the headless environment from its profile, and drive its joints in the same way as ManiSkill's
-controller ``pd_joint_pos``.
-"""
+"""Build the headless environment's robot and drive it as ManiSkill's ``pd_joint_pos`` does."""
 
 from __future__ import annotations
 

@@ -99,9 +99,7 @@ def gl_context(width: int, height: int) -> Any:
 
 
 def _platform() -> str:
-    """Return the OpenGL platform: the platform that the user chose, or the first platform whose library is
-    installed.
-    """
+    """Return the OpenGL platform: the user's choice, or the first with an installed library."""
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen in GL_LIBRARIES:
         return chosen

@@ -56,9 +56,7 @@ class EngineScene(Protocol):
         """Return the total contact force (N) on the robot in the last step."""
 
     def robot_state(self) -> Row:
-        """Return the robot's state (13 + 2 n,) in ManiSkill's format: pose and velocities of the root, then the
-        positions and velocities of the n joints.
-        """
+        """Return the state (13 + 2 n,) in ManiSkill's format: root pose and velocities, joint positions, velocities."""
 
     def snapshot(self) -> tuple[Array, str]:
         """Return the full physics state, and a hash that identifies the scene to which the state belongs.

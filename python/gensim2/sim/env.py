@@ -207,9 +207,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """Spec of ``gym.make``. Its id is prefixed with this module's name, so that an id in a recorded file works in
-        any process.
-        """
+        """Spec of ``gym.make``, with an id that names this module and so works in any process."""
         return self._spec
 
     @spec.setter
@@ -304,9 +302,7 @@ class GenSim2Env(RaycastObservations):
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:
-        """Return ``success`` (1,), which is true if the goal is reached, and the ``openness`` (1,) of each articulated
-        object.
-        """
+        """Return ``success`` (1,) and each articulated object's ``openness`` (1,)."""
         measured = self.measure()
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),

@@ -1,6 +1,4 @@
-"""Provide a gymnasium environment of a task that does not use ManiSkill. Its observations are NumPy arrays without a
-batch axis.
-"""
+"""Provide a gymnasium environment without ManiSkill; observations are arrays without a batch axis."""
 
 from __future__ import annotations
 

@@ -26,9 +26,7 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
 
 
 HULL_TOLERANCE = 0.002
-"""Maximum distance (m) by which a collision shape may exceed its hull, or fall short of the hull without a warning.
-SAPIEN silently replaces a flat hull by a box.
-"""
+"""Distance (m) by which a shape may exceed its hull or silently fall short; SAPIEN turns flat hulls into boxes."""
 
 HULL_LOSS = 0.25
 """Maximum fraction of a hull's longest side that PhysX's cooking may cut off with a warning.
@@ -124,9 +122,7 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
 
 
 def _joint_name(joint: physx.PhysxArticulationJoint) -> str:
-    """Return the name that a joint has in its URDF file. ManiSkill puts the same prefix before the names of joints and
-    links, and this function removes the prefix.
-    """
+    """Return a joint's name in its URDF file, without the prefix that ManiSkill puts before it."""
     prefix = joint.child_link.name.removesuffix(link_name(joint.child_link))
     return str(joint.name.removeprefix(prefix))
 

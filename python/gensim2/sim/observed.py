@@ -1,6 +1,4 @@
-"""Compute observations of an environment: either ManiSkill's observations with object poses added, or observations of
-this package, which are computed by ray casting.
-"""
+"""Compute observations: ManiSkill's with object poses, or this package's by ray casting."""
 
 from __future__ import annotations
 
@@ -23,9 +21,7 @@ RAYCAST = "raycast"
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Mixin that adds ``obs_mode="raycast"`` to ManiSkill's observation modes. The attribute ``_seen`` is the
-    observation spec in the mode ``raycast``, and None in all other modes.
-    """
+    """Mixin for ``obs_mode="raycast"``; ``_seen`` is the spec in this mode and None in all others."""
 
     profile: RobotProfile
     task: TaskSpec
@@ -76,9 +72,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """Return ManiSkill's observation. With ``obs_mode="raycast"`` return the arrays of :meth:`observe` as a mapping
-        by name, each with a batch axis of length 1.
-        """
+        """Return ManiSkill's observation, or with ``"raycast"`` the arrays of :meth:`observe`, batch axis 1."""
         if self._seen is None:
             return super().get_obs(info, unflattened)
         return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

@@ -93,9 +93,7 @@ class ArticulatedPart(ABC):
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about the vertical axis through its
-        root.
-        """
+        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about its root's vertical axis."""
 
     @property
     @abstractmethod
@@ -121,9 +119,7 @@ class ArticulatedPart(ABC):
 
     @property
     def openness(self) -> float:
-        """Openness (q - lower) / (upper - lower), where q is the joint position and lower and upper are the joint
-        limits. The value may lie slightly outside 0..1.
-        """
+        """Joint position as a share of its range, (q - lower) / (upper - lower); may lie slightly outside 0..1."""
         joint = self.model.joint
         return (float(self.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 
@@ -219,25 +215,19 @@ class RigidPart(ABC):
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about the vertical; its velocity
-        becomes zero.
-        """
+        """Move the object by dx, dy (m, world frame) and turn it by dyaw (rad) about the vertical; stop it."""
 
     @abstractmethod
     def frame(self) -> Frame:
         """Return the pose of the body at this instant."""
 
     def measured_frame(self) -> Frame:
-        """Return the pose of the frame to which the object's keypoints belong. A rigid object has only one body, so
-        this is the body's pose.
-        """
+        """Return the pose of the keypoints' frame: a rigid object's only body."""
         return self.frame()
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        """Return the velocity (3,) of the centre of mass, m/s, and the angular velocity (3,), rad/s, both in the world
-        frame.
-        """
+        """Return the velocities (3,) of the centre of mass, m/s, and of rotation, rad/s, in the world frame."""
 
     @property
     @abstractmethod

@@ -85,9 +85,7 @@ class Physics:
         )
 
     def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
-        """Return a PhysX system with these settings at the robot's physics rate, created in the same way as in
-        ManiSkill.
-        """
+        """Return a PhysX system with these settings and the robot's physics rate, made as in ManiSkill."""
         scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
@@ -160,9 +158,7 @@ class Physics:
             _drive_fingers(robot, profile, **self._constants.fingers)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Make a URDF loader compute link masses from the density of the object's class, if the setting ``densities``
-        is ``"original"``.
-        """
+        """Make a URDF loader compute masses from class densities if ``densities`` is ``"original"``."""
         if self.switches.densities == "default":
             return
         loader.set_density(self._constants.density(asset_class))
@@ -244,9 +240,7 @@ class CoulombFriction:
 
 
 class CoefficientFriction:
-    """PhysX's own joint friction: a coefficient that is multiplied by the load on the joint. This class sets the
-    joint's drive and damping to zero.
-    """
+    """PhysX's own joint friction: a coefficient times the load; the joint's drive and damping become zero."""
 
     def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:
         for active in articulation.active_joints:

@@ -31,9 +31,7 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Light the scene as in a room, with ambient light and two directional lights from above. The brighter directional
-    light casts shadows if ``shadows`` is True.
-    """
+    """Light the scene as a room: ambient light and two lights from above, the brighter with ``shadows``."""
     scene.set_ambient_light([0.38, 0.38, 0.4])
     scene.add_directional_light(
         [0.5, -0.8, -1.3], [1.1, 1.08, 1.0], shadow=shadows, shadow_scale=1.5, shadow_map_size=2048

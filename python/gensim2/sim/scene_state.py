@@ -160,7 +160,5 @@ class SceneAccessMixin:
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the current state in the world frame; in a scene without a robot, the measurement has the robot's
-        start pose.
-        """
+        """Measure the state in the world frame; without a robot, the robot part is its start pose."""
         return measure(self._robot, self.parts)

@@ -13,9 +13,7 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Placeholder for an environment. Its ``reset`` and ``step`` return a result that a thread has already computed, so
-    that gymnasium's ``SyncVectorEnv`` can collect the results.
-    """
+    """Placeholder whose ``reset`` and ``step`` return a thread's result to gymnasium's ``SyncVectorEnv``."""
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
         super().__init__(env)
@@ -53,9 +51,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments, or only the environments in ``options["reset_mask"]``. With an integer ``seed``,
-        environment k gets ``seed + k``.
-        """
+        """Reset all environments or those of ``options["reset_mask"]``; environment k gets ``seed + k``."""
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs

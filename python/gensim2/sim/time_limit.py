@@ -1,6 +1,4 @@
-"""Limit the length of episodes. After the last allowed control step, ``truncated`` is True. It is a tensor with a batch
-axis, as ManiSkill's tools require.
-"""
+"""Limit the length of episodes; ``truncated`` is a tensor with a batch axis, as ManiSkill's tools require."""
 
 from __future__ import annotations
 

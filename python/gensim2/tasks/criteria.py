@@ -32,9 +32,7 @@ NEAR = 0.05
 """Horizontal distance (m) within which the paper considers two points to be together."""
 
 THICKNESS, GAP = 0.001, 0.01
-"""Minimum height (m) of an object's lowest point above its support's lowest point, and maximum height above the
-support's highest point.
-"""
+"""Minimum height (m) of the lowest point above the support's lowest; maximum above the support's highest."""
 
 SCALE = 0.3
 """Distance (m) at which the progress towards a point is 0.24 (:func:`nearness`)."""
@@ -145,9 +143,7 @@ class RigidMoved(_Criterion):
         return bool(along > self.distance and abs(across) < along / 2)
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
-        """Return two components (m) of the object's horizontal displacement since the reset: along the criterion's
-        direction, and perpendicular to it.
-        """
+        """Return the horizontal displacement (m) since the reset along the direction, and across it."""
         x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
@@ -198,15 +194,11 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return the horizontal distance (m) that the criterion measures, minus the criterion's threshold. The value is
-        negative if the distance is below the threshold.
-        """
+        """Return the measured horizontal distance (m) minus the threshold; negative below the threshold."""
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
-        """Return the height (m) by which the object or the gripper violates the criterion's height condition. The value
-        is 0 if the condition is met or if the shapes are unknown.
-        """
+        """Return the height (m) by which the height condition is violated; 0 if met or shapes are unknown."""
 
 
 class DistanceArticulatedRigid(_Distance):

@@ -68,9 +68,7 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the conditions equal the paper's protocol: initial scenes from the paper's ranges, all instances,
-        planning during the episode (closed loop), one attempt, and no disturbance.
-        """
+        """Whether the conditions are the paper's: ranges, all instances, closed loop, one attempt, undisturbed."""
         return not self.deviations
 
     @property

@@ -210,9 +210,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _making(self, name: str) -> Iterator[Path]:
-        """Yield a temporary folder for the files of a task. When the ``with`` block ends without an error, the folder
-        becomes the task's folder. After an error the temporary folder is deleted.
-        """
+        """Yield a temporary folder, which becomes the task's folder after the block, or is deleted on an error."""
         made = self.folder / _temporary(name)
         try:
             made.mkdir()

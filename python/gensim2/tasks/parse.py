@@ -85,9 +85,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of one part of a value. The value has the type ``kind``, and ``part`` is a field name, a mapping
-    key or a list index.
-    """
+    """Return the type of a value's ``part`` (field name, key or index); the value has the type ``kind``."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

@@ -1,6 +1,4 @@
-"""List success rates for comparisons. Some were published in the paper (Table 4), and some were measured with the code
-that the paper's authors released.
-"""
+"""List success rates for comparisons: of the paper (Table 4), and of its authors' code as we ran it."""
 
 from __future__ import annotations
 
@@ -47,9 +45,7 @@ PAPER: dict[str, tuple[float, float]] = {
     "SecureGoldInSafe": (0.21, 0.05),
     "FillMugWithWater": (0.13, 0.04),
 }
-"""Mean success rate and standard deviation over five runs: 24 single-step tasks, 14 long ones (the last four at half
-the ranges).
-"""
+"""Mean rate and deviation over five runs: 24 single-step tasks, 14 long ones (the last four at half the ranges)."""
 
 MEASURED: dict[str, tuple[int, int]] = {
     "OpenBox": (8, 10),
@@ -95,9 +91,7 @@ def paper_of(task: TaskSpec) -> tuple[float, float] | None:
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return how many episodes of a task succeeded with the code that the paper's authors released, and how many were
-    run; None if the task is not from the paper.
-    """
+    """Return succeeded and run episodes of the authors' code; None if the task is not from the paper."""
     return MEASURED.get(task.name) if _is_published(task) else None
 
 

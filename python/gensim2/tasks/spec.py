@@ -17,9 +17,7 @@ from gensim2.tasks.criteria import JOINT, Criterion, JointCriterion
 SCHEMA_VERSION: Literal[2] = 2
 
 STEPS_A_SECOND = 20
-"""Steps per second in which ``max_episode_steps`` is counted; a robot with another control rate gets the same
-number of seconds.
-"""
+"""Steps per second in which ``max_episode_steps`` counts; other control rates get the same seconds."""
 
 HAND = "hand"
 """Reserved name of the robot's own tool."""
@@ -132,9 +130,7 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Return the allowed instances for a source of objects (``"real"`` or ``"generated"``). None means that all
-        instances of the class are allowed.
-        """
+        """Return the allowed ``"real"`` or ``"generated"`` instances; None: all instances of the class."""
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
@@ -291,9 +287,7 @@ class TaskSpec(_Value):
 
     @property
     def acted_on(self) -> frozenset[str]:
-        """Names of the objects that are touched on purpose: the object of a step, or the object in the hand during a
-        step.
-        """
+        """Names of the objects that are touched on purpose: a step's object, or the object in the hand."""
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
 
     @property
@@ -317,16 +311,12 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion on the joint of the step's object, for example that a drawer is open; None if the step
-        has no such criterion.
-        """
+        """Return the criterion on the joint of the step's object, such as an open drawer; None without one."""
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 
     def uses(self, step: Step, container: str) -> bool:
-        """Return whether a step puts a grasped object into or onto ``container``, or grasps an object that is in or on
-        it at the start.
-        """
+        """Return whether a step puts an object into or onto ``container``, or grasps one from it at the start."""
         puts = step.object == container and step.tool != HAND and self.motion_of(step) is None
         return puts or (step.tool == HAND and self.objects[step.object].place.on == container)
 

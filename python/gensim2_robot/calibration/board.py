@@ -153,9 +153,7 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
 
 def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
-    """Return X and Z that solve ``A_i X B_i = Z`` for all i (Shah, 2013): rotations by one SVD, then translations by
-    least squares.
-    """
+    """Return X and Z of ``A_i X B_i = Z`` (Shah, 2013): rotations by one SVD, translations by least squares."""
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
     # For rotation matrices, A X B = Z means (B^T kron A) vec(X) = vec(Z). The sum K over all n views therefore
     # satisfies K vec(X) = n vec(Z), and vec(X) and vec(Z) are the singular vectors of K for its largest singular value.

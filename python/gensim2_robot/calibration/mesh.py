@@ -1,6 +1,4 @@
-"""Calibrate cameras from images of the robot. A coarse search is followed by a fine fit, and held-out images validate
-the result.
-"""
+"""Calibrate cameras from images of the robot: a coarse search, a fine fit, and validation on held-out images."""
 
 from __future__ import annotations
 
@@ -114,9 +112,7 @@ class Coarse:
         self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
 
     def best(self) -> Pose:
-        """Match the measured points with the robot's surfaces, beginning at several start poses of the camera. Return
-        the camera pose at which the points are closest to the surfaces.
-        """
+        """Register from several start poses; return the pose with the points closest to the surfaces."""
         found: list[tuple[float, Pose]] = []
         for start in self.start_poses():
             pose = self.register(start)
@@ -154,9 +150,7 @@ class Coarse:
         return Pose(T)
 
     def register(self, start: Pose) -> Pose:
-        """Register from a start pose, and return the pose at which the measured points are closest to the robot's
-        surfaces.
-        """
+        """Return the camera pose, found from ``start``, at which points and surfaces are closest."""
         pose = start
         for reach in REACHES:
             model = self._model(pose)
@@ -254,9 +248,7 @@ class Compared:
 
 
 def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
-    """Compare measured depths with the robot's meshes along the camera's rays; omit pixels near edges and at grazing
-    angles.
-    """
+    """Compare depths with the robot's meshes along the rays, without edges and grazing angles."""
     placed = placed_at(camera, pose)
     seen = surface.see(placed, view.q)
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
@@ -284,9 +276,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Return a mask of the pixels that show the robot and are more than two pixels away from any edge of its surface in
-    the image.
-    """
+    """Return a mask of the robot's pixels more than two pixels from any edge of its surface."""
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):

@@ -23,9 +23,7 @@ from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
-"""Maximum offset (rad) of each joint of a random pose from the reset pose; shortened or repeated for arms with fewer or
-more joints.
-"""
+"""Maximum offset (rad) of a random pose's joints from the reset pose, resized to the arm's joints."""
 LOWEST = 0.25
 """Minimum height (m) of the tool above the table, because the objects on the table are unknown."""
 STILL, UNMOVED_SECONDS = 0.02, 0.3
@@ -52,9 +50,7 @@ class Station:
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """Return the median of a camera's depth images, pixel by pixel. A pixel is 0 if at most half of the images have
-        a measurement there.
-        """
+        """Return a camera's median depth by pixel; 0 where at most half of the images have a measurement."""
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan

@@ -31,9 +31,7 @@ from gensim2_robot.log_reader import about_of
 
 
 def displaced(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
-    """Return a copy of a camera, rotated by ``degrees`` about a random axis and shifted by ``metres`` in a random
-    direction.
-    """
+    """Return a camera rotated by ``degrees`` and shifted by ``metres`` about and along random directions."""
     axis, way = draw.normal(size=(2, 3))
     T = camera.T_base_camera.copy()
     turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()

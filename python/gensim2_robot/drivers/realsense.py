@@ -205,9 +205,7 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest frame rate (Hz) that the device supports for all kinds of streams at the requested image
-        size; None if the kinds have no rate in common.
-        """
+        """Return the highest rate (Hz) of all kinds of streams at the requested size; None without one."""
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):

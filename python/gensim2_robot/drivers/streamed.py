@@ -23,13 +23,9 @@ from gensim2_robot.devices import ArmMode, ArmState
 KEPT = 1000
 """Maximum number of arm states that wait to be polled."""
 SILENT = 0.15
-"""Time (s) without a target after which the arm is stopped. The control loop sends a target every 10 ms and can be late
-by 0.1 s.
-"""
+"""Time (s) without a target after which the arm stops; targets come every 10 ms, up to 0.1 s late."""
 LEAST, MOST = 1.0, 3.0
-"""Delay of the arm behind the newest target, in cycles: below ``LEAST`` the arm slows down, above ``MOST`` it speeds up
-by ``FASTER``.
-"""
+"""Cycles behind the newest target below which the arm slows down, and above which it speeds up by ``FASTER``."""
 FASTER = 1.1
 """Playback speed (1 is real time) when the arm is too far behind, because late targets have arrived in a burst."""
 HALTING = 2.0
@@ -109,9 +105,7 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the arm's library in a thread, and wait for the call for at most ``seconds``. A call that takes longer
-        is reported as a failure, and does not block the control loop.
-        """
+        """Call the arm's library in a thread for at most ``seconds``; a longer call is reported as a failure."""
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -218,9 +212,7 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Call the arm's library, and return the result. If the call fails, store the reason and return None. The next
-        arm state then contains the reason.
-        """
+        """Return the result of a library call; if it fails, None, with the reason for the next arm state."""
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state

@@ -45,9 +45,7 @@ class Person(Protocol):
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Ask the person a yes-or-no question, and return the answer. ``offered`` is the simulator's answer, or None
-        without a simulator.
-        """
+        """Ask a yes-or-no question and return the answer; ``offered`` is the simulator's answer or None."""
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
@@ -80,9 +78,7 @@ class Terminal:
             return click.confirm(f"{question}{says}", default=offered, err=True)
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Ask for the cause of a failure, which the person enters as a number from the list or as free text; return the
-        cause.
-        """
+        """Ask for the cause of a failure, a number from the list or free text, and return the cause."""
         with self._asking():
             for number, cause in enumerate(causes, 1):
                 click.echo(f"  {number}  {cause}", err=True)
@@ -95,9 +91,7 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """Prepare the terminal for a question. The control loop does not run during a question and the arm is released,
-        so Ctrl-C may end the program at once.
-        """
+        """Prepare the terminal for a question; the arm is released, so Ctrl-C may end the program at once."""
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 

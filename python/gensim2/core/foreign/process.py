@@ -54,9 +54,7 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for a process that reads files of ``size`` bytes in total. The limits of memory and CPU
-        time grow with ``size``. The memory limit leaves room to decompress one of the episodes that the files contain.
-        """
+        """Return the limits for reading ``size`` bytes in total; they leave room to decompress one episode."""
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 

@@ -36,9 +36,7 @@ def template(package: str, name: str) -> Template:
 
 
 def _visible(value: Any) -> Any:
-    """Convert a value to text that is safe to show on a page. Control characters become escape sequences, because they
-    can hide or reorder the text around them. The Python values True, False and None become the words yes, no and none.
-    """
+    """Convert a value to safe text: escaped control characters; yes, no and none for True, False and None."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     # A value of type Markup comes from a template macro. The macro has already replaced the control characters, so this

@@ -72,9 +72,7 @@ class Execution:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Execution:
-        """Return the settings from those keyword arguments in ``given`` that are options of
-        :class:`ExecutionArguments`. All other keyword arguments are ignored.
-        """
+        """Return the settings among the keyword arguments ``given``; ignore all other keyword arguments."""
         return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
 
     def at_most(self, jobs: int) -> Execution:

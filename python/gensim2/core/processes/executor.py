@@ -26,9 +26,7 @@ TRIES = 3
 
 
 class WorkerStartError(GenSim2Error):
-    """A worker process ended before it was ready for its first job. New worker processes would end in the same way, so
-    the executor cannot run any job.
-    """
+    """A worker ended before its first job. New workers would end in the same way, so no job can run."""
 
 
 @dataclass(frozen=True)
@@ -167,9 +165,7 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """Yield the jobs that still have to run. Stop when no job is left, or when the next job depends on an outcome
-        that is not known yet.
-        """
+        """Yield the remaining jobs, until none is left or the next depends on an unknown outcome."""
         while (job := self.next()) is not None:
             yield job
 
@@ -236,9 +232,7 @@ class Executor(ABC):
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait until a process sends a message, and return the outcomes of the jobs that are now finished. If no
-        message arrives within a limited time, return an empty list.
-        """
+        """Wait for a message and return the outcomes of finished jobs; an empty list after a timeout."""
 
     @abstractmethod
     def _abandon(self) -> None:

@@ -57,9 +57,7 @@ def end_unguarded_worker() -> None:
 
 
 def forget_piped_script() -> None:
-    """Delete the attribute ``__file__`` of the main module if it names no existing file. For example, a script that
-    Python reads from a pipe has the file name ``<stdin>``, which workers would try to open.
-    """
+    """Delete ``__main__.__file__`` if it names no file, such as ``<stdin>``, which workers would try to open."""
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
     if path is not None and not Path(path).is_file():
@@ -79,9 +77,7 @@ def _end_server(registered: int) -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT (Ctrl-C) in a worker process. Also unblock SIGINT. A worker starts with this signal blocked, and a
-    program that the worker starts would inherit the block and could not receive SIGINT.
-    """
+    """Ignore SIGINT (Ctrl-C) in a worker, and unblock SIGINT for the programs that the worker starts."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))
 

@@ -194,9 +194,7 @@ def preload_modules(modules: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
-    """Set environment variables that limit processes started in this block to one thread. Libraries read these
-    variables when they are imported.
-    """
+    """Limit processes started in this block to one thread, by variables that libraries read at import."""
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(SINGLE_THREADED)
     try:

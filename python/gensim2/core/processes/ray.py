@@ -30,18 +30,13 @@ from gensim2.core.processes.pool import JOBS_PER_WORKER, SINGLE_THREADED, START_
 Result = TypeVar("Result")
 
 GONE_SECONDS = 15.0
-"""Time without an answer after which the head counts as lost, s. Ray itself waits 60 s
-(``gcs_rpc_server_reconnect_timeout_s``).
-"""
+"""Time without an answer after which the head counts as lost, s; Ray itself waits 60 s."""
 
 RETRY_SECONDS = 1.0
-"""Time between attempts to reach a missing head, and longest wait for an answer before the time limits are checked, s.
-"""
+"""Time between attempts to reach a missing head, and longest wait between two checks of the time limits, s."""
 
 left_waiting = False
-"""Whether this process left Ray while Ray waited for a lost head. Ray's threads would then change the exit code of the
-process.
-"""
+"""Whether this process left Ray while Ray waited for a lost head; Ray's threads would change the exit code."""
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
 
@@ -222,9 +217,7 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Request one actor for each CPU that the cluster had at the start. When all requested actors are ready,
-        request one more actor, because the cluster may grow. Ray starts this actor when another CPU becomes free.
-        """
+        """Request an actor for each CPU; once all are ready, request one more, because the cluster may grow."""
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
         while len(self._places) < min(wanted, self._most):
@@ -273,9 +266,7 @@ class RayPool(Executor):
                 raise WorkerStartError(f"{died}: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
-        """Return the outcome of an actor's job, or the failure of the attempt. End the actor after a failure, and after
-        its last allowed job.
-        """
+        """Return an actor's outcome or failure; end the actor after a failure and after its last allowed job."""
         try:
             found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:
@@ -328,7 +319,5 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Return environment variables for workers: variables that may affect a job's result, and variables that limit
-    libraries to one thread.
-    """
+    """Return environment variables that may affect a job's result or limit libraries to one thread."""
     return {**{name: value for name, value in os.environ.items() if name.startswith("GENSIM2_")}, **SINGLE_THREADED}

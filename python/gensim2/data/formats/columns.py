@@ -39,9 +39,7 @@ from gensim2.perception.observation import (
 )
 
 XYZ, RGB, IDS = "pointcloud/xyz", "pointcloud/rgb", "pointcloud/segmentation"
-"""Cloud arrays in observation files: positions (N, 3) int16 in 0.1 mm, colours (N, 3) uint8, segmentation ids (N,)
-int16.
-"""
+"""Cloud arrays of observation files: positions (N, 3) int16 in 0.1 mm, colours (N, 3) uint8, ids (N,) int16."""
 STORED = {
     STATE: "proprioception/qpos",
     VELOCITY: "proprioception/qvel",
@@ -105,9 +103,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the name of the camera array, such as ``cameras/left/rgb``, from which ``column`` was exported. Return
-    None if the column does not come from a camera.
-    """
+    """Return the camera array, such as ``cameras/left/rgb``, of an exported column; None without a camera."""
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)
@@ -129,14 +125,10 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return the name of a camera in the current format. Old exports add the prefix ``cameras/`` to the name, for
-    example ``cameras/left``.
-    """
+    """Return the current name of a camera; old exports have names such as ``cameras/left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return the prefix that column names have today instead of a group of old zarr exports. For example, a column in
-    the old group ``image_cameras`` now has the prefix ``image_``. Return None for any other group.
-    """
+    """Return today's prefix for a group of old zarr exports, such as ``image_`` for ``image_cameras``; else None."""
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -168,9 +168,7 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the contents of ``dataset.json`` for an export of the chosen tasks. The field ``complete`` is true if the
-    data set is complete and the export contains all its episodes.
-    """
+    """Return the contents of ``dataset.json``; ``complete``: the export has all episodes of a complete data set."""
     record = dataset.record
     tasks = {store.name: record.tasks[store.name] for store, _ in chosen}
     count = sum(len(rows) for _, rows in chosen)

@@ -139,9 +139,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the name of the first part in which two episodes differ (the sentence or a column), or None. For point
-    clouds and images, only the number of frames is compared, not the contents.
-    """
+    """Return the first part in which two episodes differ, or None; of clouds and images only the number counts."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

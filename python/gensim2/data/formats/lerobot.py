@@ -51,9 +51,7 @@ INDICES = {
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums, minimum and maximum over the frames of one feature. They give the statistics of each element of the
-    feature, such as its mean and standard deviation.
-    """
+    """Running sums, minimum and maximum of a feature's elements over the frames, for its statistics."""
 
     count: int
     low: Array
@@ -63,9 +61,7 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Return the count, minimum, maximum, sum and sum of squares of an array of frames (T, ...). As in LeRobot,
-        images are scaled to 0..1, and each colour channel is summed separately.
-        """
+        """Return count, minimum, maximum, sum and sum of squares of frames (T, ...); images are scaled to 0..1."""
         found = np.asarray(values, dtype=np.float64)
         if picture:
             found = found.reshape(-1, found.shape[-1]) / 255.0
@@ -260,9 +256,7 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write a camera's video of one episode. Return the columns of LeRobot's table of episodes that locate the
-        video: its file number, its start time and its end time.
-        """
+        """Write a camera's video of one episode; return the columns that locate it in LeRobot's table of episodes."""
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
@@ -276,9 +270,7 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Return LeRobot's table of tasks. The metadata of the table declares the column of instructions as the index,
-        because LeRobot expects this index when it reads the table with pandas.
-        """
+        """Return LeRobot's table of tasks, with the instructions as its index for pandas."""
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

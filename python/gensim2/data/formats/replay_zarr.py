@@ -104,9 +104,7 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """After a failed write, wait for the other pending writes of zarr. Otherwise the pending writes would create the
-    folder again after its removal.
-    """
+    """After a failed write, wait for zarr's other writes, which would otherwise create the folder again."""
     from zarr.core.sync import sync
 
     async def others() -> None:

@@ -89,9 +89,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
 
 
 def array_names(tree: ForeignTree) -> dict[str, str]:
-    """Return a mapping from each column's current name to the path of its array. In old exports arrays are in nested
-    folders.
-    """
+    """Return the path of each column's array by its current name; old exports nest arrays in folders."""
     found: dict[str, str] = {}
     for name in tree.sizes():
         parts = name.split("/")
@@ -123,9 +121,7 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array after two checks. The array must have ``frames`` rows, and the rows of the longest episode must
-    have at most ``MAX_EPISODE`` bytes. ``longest`` is the number of these rows.
-    """
+    """Open an array with ``frames`` rows, of which ``longest`` rows have at most ``MAX_EPISODE`` bytes."""
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"

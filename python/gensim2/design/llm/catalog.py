@@ -81,9 +81,7 @@ class Catalog:
 
 
 def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
-    """Convert a hyphenated task name, such as ``open-safe``, to CamelCase. If the name is invalid or already exists,
-    append a message to ``problems``.
-    """
+    """Convert a name such as ``open-safe`` to CamelCase; append a message if it is invalid or exists."""
     text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
     if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
         problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')

@@ -60,9 +60,7 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
 
 
 def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a config without redundant fields and null values. A retreat of zero metres is removed as well, because it
-    means the same as no retreat.
-    """
+    """Return a config without redundant fields, null values and retreats of zero metres."""
     return {
         name: value
         for name, value in data.items()

@@ -99,9 +99,7 @@ class ConversationLog:
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """All conversations so far, sorted by task, part of the task and stage. The order therefore does not depend on
-        the order in which the answers arrived.
-        """
+        """All conversations, sorted by task, part of the task and stage, not by their time of arrival."""
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 
     def _write(self) -> None:

@@ -205,9 +205,7 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """Ask the model for a task, and then whether the task is good. Return the task, or None if the model rejects
-        it.
-        """
+        """Ask the model for a task and whether the task is good; return None if the model rejects the task."""
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -246,9 +244,7 @@ class LLMDesigner:
     def _approved(
         self, record: ConversationRecord, name: str, sentence: str, ask: Ask[tuple[bool, str]], refused: list[str]
     ) -> bool:
-        """Return whether the model's own reflection accepts a proposal; a rejected proposal is recorded and added to
-        ``refused``.
-        """
+        """Return whether the model's reflection accepts a proposal; record rejections and add them to ``refused``."""
         (good, why), _ = self.talk.ask(ask)
         if not good:
             self.talk.log.settle(record, name, "refused", why)
@@ -270,9 +266,7 @@ class LLMDesigner:
         return self._as_code(task, brief) if self.asking.code else task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """Ask the model for code that describes ``task``, and return the task that the code defines. The code may place
-        the objects differently.
-        """
+        """Ask the model for code of ``task`` and return the code's task, whose placements may differ."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
         # A run can hide all stored tasks from the model. In this case, show the example tasks of the prompts, which are
         # never hidden.

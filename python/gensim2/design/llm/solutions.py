@@ -36,15 +36,11 @@ class Views(Protocol):
     """
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """Return a picture of the initial scene. The picture also shows coordinate frames, and the keypoints of the
-        object that ``step`` moves.
-        """
+        """Return a picture of the initial scene with coordinate frames and the keypoints of the object of ``step``."""
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """Return a picture of the initial scene with the arm at the actuation pose that the strategies of ``step``
-        define.
-        """
+        """Return a picture of the initial scene with the arm at the actuation pose of ``step``'s strategies."""
         ...
 
 
@@ -170,9 +166,7 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def _tried(step: Step, result: CandidateResult) -> solving.Tried:
-    """Return a config and its results in words: the success rates, in total and for each object, and the failures in
-    planning and in simulation.
-    """
+    """Return a config and its results in words: success rates by object, failures in planning and simulation."""
     told = f"Planned on {result.plan_score:.0%} of the scenes."
     if result.episodes:
         told += f" In physics it succeeded in {result.held:.0f} of {result.episodes} episodes."

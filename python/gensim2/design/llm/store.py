@@ -69,9 +69,7 @@ class ModelRecord(Record):
 
 
 class AnswerRecord(Record):
-    """Content of ``answers/<digest>.json``: a question with its answer. If the budget was used up before the question
-    was asked, there is no answer, and the field ``spent`` contains the reason.
-    """
+    """Content of ``answers/<digest>.json``: a question with its answer, or with the reason ``spent`` without one."""
 
     schema_version: Literal[1] = 1
     stage: str

@@ -47,9 +47,7 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe in which direction a hinge's axis points when the object stands in its default placement. Return an
-    empty string if the object has no hinge.
-    """
+    """Describe the direction of a hinge's axis in the default placement; empty without a hinge."""
     if thing.hinge_axes is None:
         return ""
     mean = np.mean(thing.hinge_axes, axis=0)
@@ -60,9 +58,7 @@ def hinge(thing: Affordance) -> str:
 
 
 def reached(thing: Affordance, goal: End) -> str:
-    """Return the instruction to move the joint to one end of its range, such as ``"open the drawer"``. The result
-    includes the quotation marks.
-    """
+    """Return the quoted instruction to move the joint to one end of its range: ``"open the drawer"``."""
     return quoted(words(thing.asset_class, goal, thing.joint_type or "revolute").sentence)
 
 
@@ -101,9 +97,7 @@ def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> s
 
 
 def shift(spec: ObjectSpec) -> str:
-    """Describe the random placement of an object, in words that complete the sentence "Each episode shifts it by up to
-    ...". Example: "3 cm along x and y, and turns it by up to 11 degrees".
-    """
+    """Describe random placement after "shifts it by up to": "3 cm along x and y, and turns it by up to 11 degrees"."""
     drawn = spec.randomization
     farthest = max(abs(value) for value in (*drawn.x, *drawn.y))
     return f"{100 * farthest:.0f} cm along x and y, and turns it by up to {math.degrees(abs(drawn.yaw)):.0f} degrees"
@@ -188,9 +182,7 @@ class Prompts:
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def good_tasks(self, long: bool) -> list[str]:
-        """Return the names of good example tasks that the task library contains. Return long tasks if ``long`` is true,
-        and single-step tasks otherwise.
-        """
+        """Return the names of good example tasks of the library: long tasks if ``long``, else single-step tasks."""
         kebab = [str(each["task-name"]) for each in self.bank["long" if long else "single"]]
         names = ["".join(map(str.capitalize, each.split("-"))) for each in kebab]
         return [name for name in names if name in task_names()]

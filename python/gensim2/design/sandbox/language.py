@@ -44,9 +44,7 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class. Task code assigns the object to an attribute of the task. The attribute's name becomes
-    the object's name.
-    """
+    """Object of an asset class; the task's attribute with the object gives the object's name."""
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
@@ -54,9 +52,7 @@ class Object(Fields):
 
 
 def _place(*values: Any, **named: Any) -> Fields:
-    """Return the placement of an object. ``on`` is its support ("table" or another object), ``at`` is its position (x,
-    y) in metres, and ``yaw`` is its rotation in rad.
-    """
+    """Return a placement: support ``on`` ("table" or an object), position ``at`` (x, y) in m, ``yaw`` in rad."""
     return Fields("Place", ("on", "at", "yaw"), values, named)
 
 
@@ -216,9 +212,7 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Converts the values of a task to JSON data of limited size. An ``Object`` is replaced by its name, and a
-    ``Fields`` value by a dictionary.
-    """
+    """Converts task values to JSON data of limited size: objects to names, ``Fields`` to dictionaries."""
 
     def __init__(self) -> None:
         self._size = 0

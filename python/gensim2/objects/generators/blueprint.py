@@ -41,9 +41,7 @@ class Blueprint:
 
     @property
     def object_axis(self) -> Literal["x", "y", "z"]:
-        """Axis of the model frame that is closest to the joint axis. In "rotate" motions, the hand turns about this
-        axis.
-        """
+        """Axis of the model frame closest to the joint axis, about which the hand turns in "rotate" motions."""
         axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
         return axes[int(np.argmax(np.abs(self.joint_axis)))]
 

@@ -1,3 +1,1 @@
-"""Provide object libraries. This package reads folders in the layout of the GenSim2 release, caches objects that are
-ready for simulation, and exports and imports objects.
-"""
+"""Provide object libraries: GenSim2's released layout, a cache of prepared objects, export and import."""

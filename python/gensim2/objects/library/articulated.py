@@ -37,9 +37,7 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Generated articulated objects. Every number up to 10^6 is the id of an object, but ``instances`` lists only the
-    built-in objects.
-    """
+    """Generated objects: every number up to 10^6 is an id; ``instances`` lists only the built-in objects."""
 
     source: Source = "generated"
     license = GENERATED_LICENSE

@@ -1,6 +1,4 @@
-"""Cache prepared objects on disk. All processes of a user share the cache, and no process ever sees an incomplete
-object.
-"""
+"""Cache prepared objects on disk for all processes of a user; no process sees an incomplete object."""
 
 from __future__ import annotations
 
@@ -69,9 +67,7 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """Convert a word so that it can be part of a file name. Every character except ``A-Za-z0-9_.-`` becomes ``_``, and
-    only the first 40 characters are kept.
-    """
+    """Convert a word for file names: 40 characters at most, ``_`` for all but ``A-Za-z0-9_.-``."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
@@ -112,9 +108,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Return the hulls and the statistics that ``cached_hulls`` stored in a file. Return None if the file is missing or
-    damaged.
-    """
+    """Return the hulls and statistics that ``cached_hulls`` stored; None if the file is missing or damaged."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:

@@ -1,6 +1,4 @@
-"""Define object libraries. A library contains classes of articulated objects, which have several instances, and classes
-of rigid objects, which have a single instance.
-"""
+"""Define object libraries: articulated classes with several instances, rigid classes with a single one."""
 
 from __future__ import annotations
 
@@ -377,9 +375,7 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare objects in worker processes. For each object (class, id), yield the error that prevents the use of the
-    object, or None if the object can be used.
-    """
+    """Prepare objects (class, id) in worker processes; yield each object's error, or None if it can be used."""
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

@@ -382,9 +382,7 @@ class _Source:
     def info(
         self, scale: float, given: Mapping[str, Array], shared: Mapping[str, RelativeKeypoint] | None = None
     ) -> dict[str, Any]:
-        """Return the fields of ``info.json``: the given keypoints, and the other keypoints of the class. These are
-        proposed from the geometry, or transferred from another object if ``shared`` contains this object's keypoints.
-        """
+        """Return the fields of ``info.json``; missing keypoints come from ``shared`` or from the geometry."""
         T_object_link = np.asarray(np.linalg.inv(self._T_link_object), float)
         points, texts = self._proposed() if shared is None else self._transferred(shared, scale)
         written = {
@@ -499,9 +497,7 @@ def _near_axis(points: Array, axis: Array) -> Array:
 
 
 def usual_size(asset_class: str) -> float:
-    """Return the usual length (m) of an object's longest side: the median over three closed generated objects of the
-    class, or ``OTHER_SIZE`` for any other class.
-    """
+    """Return the usual longest side (m): median of three closed generated objects, or ``OTHER_SIZE``."""
     if asset_class not in object_classes():
         return OTHER_SIZE
     sides = []
@@ -514,9 +510,7 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Read ``semantics.txt``, and return for each link the name of the part that the link represents. For example, the
-    line ``link_0 hinge rotation_lid`` gives the name ``rotation_lid`` for ``link_0``.
-    """
+    """Return part names by link from ``semantics.txt``, such as ``rotation_lid`` of ``link_0 hinge rotation_lid``."""
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:

@@ -171,9 +171,7 @@ HEAD = "articulated_object_head"
 
 
 def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """Return the axis of the object frame that is closest to a joint axis. The object frame (4, 4) and the joint axis
-    (3,) are given in the link's frame.
-    """
+    """Return the axis of the object frame (4, 4) closest to a joint axis (3,), both in the link's frame."""
     names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 

@@ -204,9 +204,7 @@ class MeshReader:
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """Return up to three warnings: one for missing mesh files, one for unreadable mesh files, and one for missing
-        material files.
-        """
+        """Return up to three warnings: missing meshes, unreadable meshes and missing material files."""
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]

@@ -119,9 +119,7 @@ class _Converter:
         return folders[-1] if folders else None
 
     def _check(self, element: ET.Element, in_default: bool) -> None:
-        """Remove elements that do not affect an object, such as lights and cameras, and refuse elements that the
-        conversion does not support, such as ``replicate``.
-        """
+        """Remove lights, cameras and other irrelevant elements; refuse unsupported ones such as ``replicate``."""
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
@@ -141,9 +139,7 @@ class _Converter:
                 self._check(child, in_default)
 
     def _mesh(self, name: str) -> tuple[Array, Array]:
-        """Read a mesh file in the folder. Return the coordinates of its vertices and the vertex indices of its
-        triangles, as two flat arrays with three entries for each vertex and for each triangle.
-        """
+        """Read a mesh in the folder; return flat arrays of its vertices' coordinates and its triangles' indices."""
         self._tree.read(name, MAX_OBJECT)  # ``read`` raises an error for a file outside the folder
         with opened_mesh(self._tree.inside(name)) as scene:
             mesh = scene.to_geometry()
@@ -234,9 +230,7 @@ class _Converter:
         return self._urdf.link(child)
 
     def _fill(self, link: ET.Element, body: int, at: Array) -> None:
-        """Add the mass, the inertia and the shapes of a body to a link. ``at`` (3,) is the link's origin in the body's
-        frame.
-        """
+        """Add a body's mass, inertia and shapes to a link; ``at`` (3,): link's origin in the body's frame."""
         model = self._model
         if model.body_mass[body] > 0:
             T = _pose(model.body_ipos[body] - at, model.body_iquat[body])

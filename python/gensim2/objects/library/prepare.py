@@ -29,9 +29,7 @@ EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """Convert a rotation matrix (3, 3) to the angles roll, pitch and yaw (3,) of URDF, which are rotations about the
-    fixed axes x, y and z. In gimbal lock, where the angles are not unique, yaw is 0.
-    """
+    """Convert a rotation (3, 3) to URDF's roll, pitch and yaw (3,); yaw is 0 in gimbal lock."""
     return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
@@ -121,9 +119,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 
 def write_visual(path: Path, meshes: list[Mesh]) -> None:
-    """Write a link's meshes as one GLB file. All meshes with the same appearance form one primitive, which contains the
-    material, so the URDF needs no materials.
-    """
+    """Write a link's meshes as one GLB file, with one primitive and its material for each appearance."""
     by_look: dict[Look, list[Mesh]] = {}
     for mesh in meshes:
         by_look.setdefault(mesh.look, []).append(mesh)

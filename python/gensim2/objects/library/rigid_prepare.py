@@ -72,9 +72,7 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose in which an object rests on the table: upright if this pose is stable, else the most probable
-    stable pose.
-    """
+    """Return the pose at rest on the table: upright if stable, else the most probable stable pose."""
     points = np.concatenate(list(hulls))
     poses = [_least_turn(-side) for side in resting_sides(points, mass.center)]
     R = max(poses, key=lambda pose: float(pose[2, 2]))
@@ -133,9 +131,7 @@ def _share(*corners: Array) -> float:
 
 
 def _least_turn(down: Array) -> Array:
-    """Return the smallest rotation (3, 3) that turns the vector ``down`` (3,) of the object frame to the direction +z
-    of the world.
-    """
+    """Return the smallest rotation (3, 3) from the object's vector ``down`` (3,) to the world's +z."""
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
     if np.linalg.norm(axis) < 1e-9:
@@ -177,9 +173,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
 
 def _slice(hull: Array, height: float) -> Array | None:
-    """Return the vertices (N, 2) of the outline of a hull in a horizontal slab around ``height``; the slab is half as
-    thick as a finger.
-    """
+    """Return the outline (N, 2) of a hull in a horizontal slab of half a finger's thickness around ``height``."""
     near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
     above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
     if not (len(above) and len(below)):
@@ -376,9 +370,7 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 
 def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
-    """Return the convex hull of each connected piece, and statistics. Pieces with cavities are decomposed into several
-    hulls. Most files contain pieces that are convex already and need no decomposition.
-    """
+    """Return each connected piece's hull, or hulls if it has cavities, and statistics; most pieces are convex."""
     if rule == "original":
         whole, flat = piece_hulls(pieces)
         return whole, {"dropped": flat}

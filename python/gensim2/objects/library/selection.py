@@ -88,10 +88,7 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Return the name of the object to which ids in ``--instances`` refer. This is the task's first object whose class
-    has several instances, because a class with a single instance needs no selection. If every class has a single
-    instance, the task's first object is returned.
-    """
+    """Return the object that ``--instances`` selects: the first whose class has several instances, else the first."""
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 

@@ -56,9 +56,7 @@ class Shelf(ABC):
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """Return advice for the error message about an unknown instance id. The advice names ids that are similar to
-        the unknown id.
-        """
+        """Return advice for an unknown instance id, with similar ids."""
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:

@@ -84,9 +84,7 @@ def _convert(source: Path, scratch: Path, progress: Progress) -> tuple[Path, boo
 
 
 class _Copier:
-    """Copies a USD file and all files to which it refers. Before a file is copied, the copier checks that the file lies
-    in the folder of the USD file.
-    """
+    """Copies a USD file and the files to which it refers, after checking that they lie in its folder."""
 
     def __init__(self, source: Path, copies: Path) -> None:
         self._file, self._copies = source, copies
@@ -164,10 +162,7 @@ class _Copier:
 
 
 def _plain(name: str, file: Path) -> str:
-    """Check that a USD file refers to another file by a relative path, and return this path unchanged. References of
-    any other form raise an error: a URL, an absolute path, an expression, a path inside a package, or a path with
-    format arguments.
-    """
+    """Return the relative path of a referenced file; refuse URLs, absolute paths, expressions, packages, arguments."""
     if not name or name.startswith("/") or any(sign in name for sign in ":`[]\\\0") or not name.isprintable():
         remedy = "refer to a file by a relative path, and copy the file into the folder"
         raise AssetError("the reference is not a relative path", file=file, field=repr(name[:80]), remedy=remedy)
@@ -305,9 +300,7 @@ class _Converter:
         return _Joint(str(prim.GetPath()), kind, (one, other), frames, axis, limits)
 
     def _joint_frame(self, joint: Any, target: Any, position: Any, rotation: Any) -> Array:
-        """Return the pose (4, 4) of a joint frame in the world. The file gives the position and rotation of this frame
-        relative to the prim ``target``.
-        """
+        """Return the pose (4, 4) in the world of a joint frame that the file gives relative to ``target``."""
         matrix = self._matrix(target)
         T = _unscaled(matrix)
         T[:3, 3] = (matrix @ [*position.Get(), 1.0])[:3]
@@ -358,9 +351,7 @@ class _Converter:
         return {link for link in self._links if top(link) == chosen}
 
     def _sort_in(self, prim: Any, members: set[str]) -> None:
-        """Add a shape to the visual shapes of its link if the shape is visible, and to the collision shapes if the
-        shape collides. Ignore a shape whose link is not in ``members``.
-        """
+        """Add a visible shape to its link's visuals, a colliding one to its collisions; skip other links."""
         from pxr import UsdGeom
 
         body = self._body(prim)
@@ -458,9 +449,7 @@ class _Converter:
             self._urdf.weigh(element, found.mass, T, found.inertia)
 
     def _add_shape(self, element: Any, kind: str, prim: Any, T_from_world: Array) -> list[Array]:
-        """Write a shape. Return the points (N, 3) of a collision shape in the link's frame, as a list with one array.
-        The list is empty for a visual shape.
-        """
+        """Write a shape; return a list with a collision shape's points (N, 3), link frame; empty for visuals."""
         matrix, look = T_from_world @ self._matrix(prim), self._look(prim)
         solid = kind == "collision"
         primitive = self._primitive(prim, matrix)
@@ -481,9 +470,7 @@ class _Converter:
         return [points] if solid else []
 
     def _primitive(self, prim: Any, matrix: Array) -> tuple[Array, str, Array] | None:
-        """Return the pose, the kind and the size of a USD shape that can be written as a URDF primitive (box, sphere,
-        cylinder or capsule). Return None for every other shape, and for a shape that is sheared or stretched.
-        """
+        """Return pose, kind and size of a shape that is a URDF primitive; None for others and for sheared ones."""
         kind = str(prim.GetTypeName())
         if kind not in ("Cube", "Sphere", "Cylinder", "Capsule"):
             return None
@@ -520,9 +507,7 @@ class _Converter:
         return list(AXES).index(axis)
 
     def _is_hull(self, prim: Any) -> bool:
-        """Return whether the collision shape of a prim is convex, so that its convex hull represents it. This holds for
-        every shape other than a mesh, and for a mesh whose collision approximation is convex.
-        """
+        """Return whether the prim's collision shape is convex: no mesh, or a mesh with convex approximation."""
         from pxr import UsdPhysics
 
         if str(prim.GetTypeName()) != "Mesh":
@@ -586,9 +571,7 @@ class _Converter:
         return points.astype(float), found
 
     def _inertial(self, link: _Link, T_from_world: Array, hulls: list[Array]) -> Inertial | None:
-        """Return the inertia of a link in the link's frame. Values that the USD file does not give are computed from
-        the link's collision hulls. Return None if the file gives neither mass nor density.
-        """
+        """Return a link's inertia, with values that the file lacks from the hulls; None without mass and density."""
         from pxr import UsdPhysics
 
         prim = link.prim
@@ -654,9 +637,7 @@ class _Converter:
         return value
 
     def _rotation(self, quaternion: Any, prim: Any) -> Array:
-        """Return the rotation matrix (3, 3) of a USD quaternion. A zero quaternion, which is the USD default for the
-        principal axes of inertia, gives the identity.
-        """
+        """Return the rotation (3, 3) of a USD quaternion; the zero quaternion, USD's default, gives the identity."""
         from scipy.spatial.transform import Rotation
 
         found = np.array([*quaternion.GetImaginary(), quaternion.GetReal()], float)

@@ -54,9 +54,7 @@ MAX_POINTS = 400  # maximum number of points on each side of a separating plane
 
 @dataclass(frozen=True)
 class Motion:
-    """Joint motion: the pose (4, 4) of the moving link's frame in the root frame at joint value zero, and the unit
-    joint axis in the moving link's frame.
-    """
+    """Joint motion: moving link's pose (4, 4) in the root frame at zero, and unit axis in the link's frame."""
 
     T_root_link: Array
     axis: Array
@@ -80,9 +78,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Convex hulls (N, 3) of the body and of the moving link, each in the frame of its link, and for each link the
-    number of mesh pieces that are too small for a hull.
-    """
+    """Hulls (N, 3) of body and moving link in their links' frames, and each link's number of tiny pieces."""
 
     body: list[Array]
     moving: list[Array]
@@ -136,9 +132,7 @@ def _needed(space: VoidSpace, points: Array) -> Array:
 
 
 def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
-    """For each grid cell that contains points (N, 3), return the index of the first of them. The indices are in
-    ascending order.
-    """
+    """Return the ascending indices of the first of the points (N, 3) in each grid cell."""
     if not len(points):
         return np.zeros(0, np.int64)
     index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
@@ -324,9 +318,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of the widest gap between the points ``own`` and ``intruders``, found by linear
-    programming; None if there is no gap.
-    """
+    """Return the unit normal (3,) of the widest gap between ``own`` and ``intruders``; None without a gap."""
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
     # Find the plane n·x = d with the largest margin m: n·p - d >= m for the points p of ``outer``, and n·s - d <= -m
     # for the points s of ``inner``. Each component of n is limited to -1..1.

@@ -55,9 +55,7 @@ def surface_samples(hull: Array, spacing: float = SAMPLE_SPACING) -> Array:
 
 
 def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
-    """Return a mask of the points (N, 3) in a box. The function tests each coordinate separately, which is faster than
-    ``all`` over rows.
-    """
+    """Return a mask of the points (N, 3) in a box; tests by coordinate are faster than ``all`` over rows."""
     found = (points[:, 0] > low[0]) & (points[:, 0] < high[0])
     for i in (1, 2):
         found &= points[:, i] > low[i]
@@ -79,9 +77,7 @@ class ConvexBlock:
         return ConvexBlock(hull.min(axis=0), hull.max(axis=0), planes_of(hull))
 
     def depth(self, points: Array) -> Array:
-        """Return the distance (K,) of each point to the nearest face plane of the hull. The distance is positive inside
-        the hull and negative outside.
-        """
+        """Return each point's distance (K,) to the hull's nearest face plane, negative outside."""
         return -heights(points, self.planes)
 
 

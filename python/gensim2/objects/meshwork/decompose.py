@@ -209,9 +209,7 @@ def allowance(volume: float, cell: float) -> float:
 
 
 def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
-    """Drop each hull that lies inside a bigger hull, or protrudes from the bigger hull by less than ``tolerance``
-    metres.
-    """
+    """Drop each hull that protrudes from a bigger hull by less than ``tolerance`` metres."""
     order = sorted(hulls, key=lambda h: -h.volume)
     kept: list[Hull] = []
     lows, highs = np.zeros((len(order), 3)), np.zeros((len(order), 3))
@@ -309,9 +307,7 @@ class _Merger:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Convex hulls of a link, each (N, 3). ``dropped`` is the number of pieces that were too small to keep, and
-    ``opened`` is the number of pieces that were split because their hull would fill a cavity.
-    """
+    """A link's hulls, each (N, 3); ``dropped`` tiny pieces, and ``opened`` pieces that were split at a cavity."""
 
     hulls: list[Array]
     dropped: int

@@ -99,9 +99,7 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Return a mask of the cells whose centre lies in a hull or within half a cell size of a hull. The tolerance
-    ensures that walls thinner than a cell are included.
-    """
+    """Return a mask of the cells within half a cell of a hull, so that thin walls are included."""
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -138,9 +136,7 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Return a mask of the cells that have a solid cell at a lower index along the axis (with ``forwards=False``: at a
-    higher index).
-    """
+    """Return a mask of the cells with a solid cell at a lower (``forwards=False``: higher) index along the axis."""
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)
@@ -152,9 +148,7 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """Return the indices (3,) of the first and the last cell of a box around the free cells. The box is the bounding
-    box without the outer layers in which too few cells are free.
-    """
+    """Return the first and last cells (3,) of the free cells' box, without outer layers with few free cells."""
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)
     while (last > first).all():

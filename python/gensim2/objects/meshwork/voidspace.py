@@ -124,17 +124,13 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Set the points (N, 3) that hulls should not cover, because the object's other link moves through them.
-        :meth:`filled` adds a penalty for each of these points inside a hull.
-        """
+        """Set points (N, 3) of the other link's way, which hulls should not cover; :meth:`filled` penalizes them."""
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
-        """Return points on triangles (M, 3, 3). Neighbouring points are closer together than ``cell``, which is the
-        edge length (m) of a grid cell.
-        """
+        """Return points on triangles (M, 3, 3), with neighbours closer than ``cell`` (m), a grid cell's edge."""
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
         batches = []
@@ -323,16 +319,12 @@ class _Enclosed:
         self._tree = cKDTree(self.points)
 
     def encloses(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Return a mask of the enclosed points among (N, 3): points that cannot be reached from outside, and points
-        within ``SKIN`` of the mesh.
-        """
+        """Return a mask of the points (N, 3) that are unreachable from outside or within ``SKIN`` of the mesh."""
         near = np.asarray(self._tree.query(points)[0], float) < SKIN
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Return the maximum distance (m) from the meshes to the enclosed points among (N, 3); 0 if no point is
-        enclosed.
-        """
+        """Return the enclosed points' (N, 3) maximum distance (m) from the meshes; 0 if no point is enclosed."""
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):

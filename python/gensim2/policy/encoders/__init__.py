@@ -1,6 +1,4 @@
-"""Point encoders. An encoder turns a point cloud into pooled tokens and, if requested, into one feature vector for each
-point.
-"""
+"""Point encoders turn a cloud into pooled tokens and, if requested, a feature vector for each point."""
 
 from __future__ import annotations
 
@@ -47,9 +45,7 @@ class PointEncoder(Protocol):
         ...
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled tokens (B, K, F) and the features of the points (B, N, G). Gradients flow through both
-        results.
-        """
+        """Return pooled tokens (B, K, F) and point features (B, N, G), both differentiable."""
         ...
 
 

@@ -33,9 +33,7 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 
 
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return squared distances (B, M, N) between the points ``a`` (B, M, 3) and ``b`` (B, N, 3). The coordinates are
-    subtracted first and then squared. The expanded form a² - 2ab + b² would lose precision for close points.
-    """
+    """Return squared distances (B, M, N), from differences: a² - 2ab + b² would lose precision."""
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 
 

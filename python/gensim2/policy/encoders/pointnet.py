@@ -22,9 +22,7 @@ class Shared(nn.Module):  # type: ignore[misc]
 
 
 class Transform(nn.Module):  # type: ignore[misc]
-    """T-Net, which predicts a 3 x 3 matrix for each cloud. Before training, the predicted matrix is the identity
-    matrix.
-    """
+    """T-Net, which predicts a 3 x 3 matrix for each cloud: the identity before training."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -101,9 +101,7 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
         return self._run(points)[0]
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pooled token (B, 1, 512) and the features (B, N, 544) of the points. A point's features are the
-        output of the first layer, followed by features that are interpolated from the last stage.
-        """
+        """Return the token (B, 1, 512) and features (B, N, 544): the first layer's, then interpolated last ones."""
         pooled, stem, centers, deep = self._run(points)
         return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
 

@@ -53,9 +53,7 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Return whether the policy trains only on the training split of its objects. The remaining objects are then
-        unseen, and are used for evaluation.
-        """
+        """Return whether training uses only the training split; the other objects are unseen in evaluation."""
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:

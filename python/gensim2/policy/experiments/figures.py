@@ -83,9 +83,7 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the rates of a task that has no unseen objects. Episodes that are recorded as seen or unseen are all
-        counted as seen.
-        """
+        """Return the rates of a task without unseen objects, whose episodes all count as seen."""
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -119,9 +117,7 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the success rate of evaluation ``one`` minus the success rate of evaluation ``other``, and the interval of
-    this difference. Only tasks with both evaluations count.
-    """
+    """Return the rate of ``one`` minus that of ``other``, and its interval, over tasks with both."""
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

@@ -48,9 +48,7 @@ def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return the class of a task's object, and whether the goal is to open this object (True) or to close it (False).
-    Return (None, False) for a task with several objects or any other goal.
-    """
+    """Return class and whether the goal is to open (True) or close; (None, False) for any other task."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)

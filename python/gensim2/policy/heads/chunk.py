@@ -35,9 +35,7 @@ class TransformerHead(DecodingHead):
 
 
 class ChunkHead(ActionHead):
-    """MLP that predicts all actions of a chunk at once from the readout token; its arguments are the same as for
-    ``ActionHead``.
-    """
+    """MLP from the readout token to all actions of a chunk; arguments as for ``ActionHead``."""
 
     def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
         super().__init__(config, arm, features)

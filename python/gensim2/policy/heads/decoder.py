@@ -52,9 +52,7 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """Encode noise levels (B,) from 0 to 1 as features (B, width), which are sines and cosines of the noise level.
-    Their periods range from 2 pi / 1000 to 20 pi, so that the network can distinguish both small and large differences.
-    """
+    """Encode noise levels (B,), 0 to 1, by sines and cosines (B, width) with periods from 2 pi / 1000 to 20 pi."""
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates

@@ -46,9 +46,7 @@ BANDS = (2.0, 8.0)
 NEAR, FAR = 128, 64
 """Number of points that the second stage sees: nearest points to the place, and points sampled from the whole cloud."""
 NOISE = (0.01, 0.03)
-"""Standard deviations (m) of the noise on the second stage's origin in training; each applies to half of the samples.
-They equal the error of a place after one refinement, and the error of the first stage.
-"""
+"""Noise (m) on the second stage's origin in training: error after one refinement, error of the first stage."""
 ROUNDS = 2
 """Number of times that the second stage runs; each run is centred on the place predicted by the previous run."""
 METRE, CENTIMETRES = 0.05, 0.1

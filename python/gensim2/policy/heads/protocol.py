@@ -49,9 +49,7 @@ class Head(Protocol):
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute the normalization of the targets from a large batch, once before training, and store it in
-        buffers.
-        """
+        """Compute the targets' normalization from a large batch, once before training; store it in buffers."""
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

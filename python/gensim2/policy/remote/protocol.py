@@ -51,9 +51,7 @@ _URL = re.compile(r"wss?://[^\s/?#@]+(/[^\s@]*)?")
 
 
 class RemoteError(InputError):
-    """A policy server or client cannot be reached, answers too late, refuses the connection, or sends an invalid
-    message.
-    """
+    """A policy server or client is unreachable, too late, refuses the connection, or sends an invalid message."""
 
 
 def msgpack() -> Any:

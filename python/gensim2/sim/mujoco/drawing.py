@@ -1,6 +1,4 @@
-"""Draw recorded states with MuJoCo's renderer. A MuJoCo model for drawing contains only visible surfaces and no
-physics, so it is not the model that is simulated.
-"""
+"""Draw recorded states with MuJoCo's renderer, from a model with surfaces only and no physics."""
 
 from __future__ import annotations
 
@@ -30,9 +28,7 @@ SHADOW_PIXELS, SAMPLES = 2048, 4
 SHADOW_RANGE = 1.2
 """Half side (m) of the area in which the lamp casts shadows."""
 LARGEST_SHADOW = 4.0
-"""Larger surfaces (m), such as the floor, are drawn slightly transparent. Transparent surfaces have no shadows in
-MuJoCo, and shadows on so large a triangle would have speckles.
-"""
+"""Surfaces larger than this (m) are slightly transparent and so without shadows, which would have speckles."""
 AMBIENT = 0.42
 LAMPS = (((0.5, -0.8, -1.3), 0.62, True), ((-0.6, 0.5, -1.0), 0.28, False))
 """Direction in the base frame, brightness and whether the lamp casts shadows, like the lamps of SAPIEN's renderer.
@@ -105,9 +101,7 @@ class SceneRenderer:
 
 
 class MujocoDrawing(StateDrawing):
-    """Draws recorded states with MuJoCo, as seen by the camera with which videos are recorded. The constructor has the
-    same arguments as :class:`StateDrawing`.
-    """
+    """Draws states with MuJoCo as seen by the video camera; constructor as of :class:`StateDrawing`."""
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> None:
         super().__init__(profile, objects)
@@ -122,9 +116,7 @@ class MujocoDrawing(StateDrawing):
 
 
 def _model(scene: RaycastScene, width: int, height: int) -> mujoco.MjModel:
-    """Compile a MuJoCo model for drawing. It contains mocap bodies, whose poses can be set directly: first one body for
-    each solid of the scene, then one body for each camera.
-    """
+    """Compile a model for drawing: a mocap body for each solid of the scene, then for each camera."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.stat.extent, spec.stat.center = 1.0, (0.5, 0.0, 0.0)

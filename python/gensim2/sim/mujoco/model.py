@@ -24,9 +24,7 @@ PHYSICS_HZ = 500
 """Minimum physics rate, Hz; a robot with a higher ``physics_hz`` uses that rate."""
 
 SOLREF = (0.004, 1.0)
-"""Time constant (s) and damping ratio of contacts, joint limits, joint friction and couplings. The time constant is two
-steps, the smallest stable value.
-"""
+"""Time constant (s; two steps, the smallest stable value) and damping ratio of contacts and joint constraints."""
 
 FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of joint friction; with MuJoCo's default of 0.95 a lid slowly closes under its own weight."""
@@ -41,9 +39,7 @@ TABLE_FRICTION = 0.2
 """Friction coefficient of the table, equal to its dynamic friction in PhysX; MuJoCo has no static friction."""
 
 ROLLING = 0.002
-"""Radius (m) that, multiplied by the friction coefficient, gives the rolling and torsional friction of rigid objects.
-With this value balls roll as far as in PhysX, which stops slow bodies.
-"""
+"""Radius (m) of rolling and torsional friction; with it balls roll as far as in PhysX, which stops slow bodies."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +66,7 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Return a unique name for a link or joint in the MuJoCo model. It consists of ``owner``, the name of the robot or
-    object, and ``part``, the name of the link or joint.
-    """
+    """Return a unique name in the model from ``owner`` (robot or object) and ``part`` (link or joint)."""
     return f"{owner}/{part}"
 
 
@@ -83,9 +77,7 @@ def surface_friction(thing: PlacedObject) -> float:
 
 
 def steps_of(profile: RobotProfile) -> int:
-    """Return the number of MuJoCo time steps in one physics step of the robot. A physics step lasts 1 / ``physics_hz``,
-    and MuJoCo may need a smaller time step.
-    """
+    """Return MuJoCo's number of time steps in a physics step of 1 / ``physics_hz``."""
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
@@ -192,9 +184,7 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add the body of a link. The given position and quaternion apply only to a root link. The URDF determines the
-        pose of any other link relative to its parent.
-        """
+        """Add a link's body; position and quaternion are for a root link, the URDF places all others."""
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -281,9 +271,7 @@ class _Builder:
         equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
-        """Add the pairs of shapes that may touch. As in PhysX, the friction of a pair is the mean of the coefficients
-        of its two shapes.
-        """
+        """Add the pairs of shapes that may touch; as in PhysX, friction is the mean of both coefficients."""
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}

@@ -49,9 +49,7 @@ class Simulation:
         return self.raw
 
     def joint(self, name: str) -> tuple[int, int]:
-        """Return the index of a joint's first value in MuJoCo's position vector ``qpos``, and the index of its first
-        value in the velocity vector ``qvel``.
-        """
+        """Return the indices of a joint's first value in MuJoCo's ``qpos`` and in its velocities."""
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
         return int(self.model.jnt_qposadr[number]), int(self.model.jnt_dofadr[number])
 

@@ -66,9 +66,7 @@ class MujocoScene:
         ]
 
     def _geom_owners(self) -> npt.NDArray[np.int64]:
-        """Return the owner of each of the model's G geoms as an array (G,): the object's index in ``parts``, -1 for the
-        robot, or -2 for the table.
-        """
+        """Return the owner of each geom (G,): an index in ``parts``, -1 for the robot, -2 for the table."""
         model, numbers = self.simulation.model, {name: number for number, name in enumerate(self.parts)}
         numbers[self._profile.agent], numbers["table"] = -1, -2
         names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)) for body in model.geom_bodyid)
@@ -132,9 +130,7 @@ class MujocoScene:
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
     def _state(self) -> Array:
-        """Return the full state of the simulation. A simulation that continues from this state gives the same results
-        bit for bit.
-        """
+        """Return the full state, from which a simulation continues with bit-identical results."""
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)

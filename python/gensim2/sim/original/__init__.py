@@ -49,9 +49,7 @@ class Constants:
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """Return the joint friction coefficient of an object class. PhysX multiplies the coefficient by the load on the
-        joint.
-        """
+        """Return a class's joint friction coefficient, which PhysX multiplies by the load on the joint."""
         return _first_match(self._joint_frictions, asset_class)
 
 

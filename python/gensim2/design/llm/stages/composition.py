@@ -79,9 +79,7 @@ class Composition:
 
 
 def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
-    """Return the known tasks that can become steps of a longer task. Each of them has a single step and one articulated
-    object.
-    """
+    """Return the known tasks with a single step and one articulated object, which can be steps of longer tasks."""
     found = []
     for each in known:
         task = each.task
@@ -196,9 +194,7 @@ def _classes(
 
 
 class _Chain:
-    """Builds task steps from an answer one by one. It tracks the state of the hand and the joint, to find steps whose
-    preconditions are not met.
-    """
+    """Builds steps from an answer, tracks the hand and the joint, and finds unmet preconditions."""
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems

@@ -105,9 +105,7 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
-    """Return the sub-tasks in an answer. The model may write the sub-tasks as a list under a key, as a list at the top
-    level, or as one JSON object after another.
-    """
+    """Return the sub-tasks in an answer: a list under a key, a list at the top, or successive JSON objects."""
     for each in reversed(data):
         for key in ("sub-tasks", "subtasks", "sub_tasks", ITEMS):
             if isinstance(each.get(key), list):

@@ -95,9 +95,7 @@ def whole_task(
 
 
 def as_answer(task: TaskSpec) -> dict[str, Any]:
-    """Return a stored task in the format in which the model answers. A stored step has no description, so the step's
-    name is used as its description.
-    """
+    """Return a stored task in the format of the model's answers; step names serve as descriptions."""
     objects: dict[str, Any] = {}
     for name, thing in task.objects.items():
         objects[name] = {"class": thing.asset_class}
@@ -204,9 +202,7 @@ def _objects(given: Any, catalog: Catalog, wish: Wish, problems: list[str]) -> d
 def _steps(
     given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return the fields of each step, and the model's description of each step by the step's name. Append a fault to
-    ``problems`` for each step whose tool is not in the hand.
-    """
+    """Return each step's fields and its description; append a fault for each tool that is not in the hand."""
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         raise Wrong(['"steps" must be a list of objects'])
     if not 1 <= len(given) <= MAX_STEPS:

@@ -321,9 +321,7 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int, remarks: list[str]) -> list[Config]:
-    """Return the valid configs without duplicates and add the faults of invalid configs to ``remarks``. Raise an error
-    only if no config is valid.
-    """
+    """Return the valid, different configs; add faults to ``remarks``; raise an error only if none is valid."""
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):

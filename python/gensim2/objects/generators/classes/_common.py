@@ -67,9 +67,7 @@ def turned(solids: list[Solid], origin: Vec3, axis: Vec3, angle: float) -> list[
 
 
 def turn_about(origin: Vec3, axis: Vec3, angle: float) -> Array:
-    """Return the transform (4, 4) that rotates points by ``angle`` rad about the line through ``origin`` along
-    ``axis``.
-    """
+    """Return the transform (4, 4) of a rotation by ``angle`` (rad) about the line through ``origin`` along ``axis``."""
     T = pose(axis=axis, angle=angle)
     o = np.asarray(origin, float)
     T[:3, 3] = o - rotation(axis, angle) @ o
@@ -148,24 +146,18 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """Return a separate random generator for visual details. A change of the visual details then does not change the
-    shape of the object.
-    """
+    """Return a generator for visual details, so that these do not change the shape of the object."""
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:
-    """Return all parts of a blueprint. The moving parts are rotated to the position that they have when the value of
-    the revolute joint is ``q`` (rad).
-    """
+    """Return all parts of a blueprint, the moving parts at the revolute joint value ``q`` (rad)."""
     moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
     return [*blueprint.body, *moved]
 
 
 def bounds(parts: list[Solid]) -> tuple[Array, Array]:
-    """Return two corners (3,) of the bounding box of the collision parts: the corner with the smallest and the corner
-    with the largest coordinates.
-    """
+    """Return the corners (3,) of the collision parts' bounding box with the smallest and largest coordinates."""
     points = np.concatenate([part.hull for part in parts if part.hull is not None])
     return points.min(axis=0), points.max(axis=0)
 
@@ -183,9 +175,7 @@ def hinged(
 def sliding(
     body: list[Solid], moving: list[Solid], axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
 ) -> Blueprint:
-    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` has the form described
-    in ``hinged``.
-    """
+    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
     return Blueprint(body, moving, "prismatic", (0, 0, 0), axis, limits, _named(keypoints))
 
 
@@ -221,9 +211,7 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object that can be lifted at the point ``head``. All parts of the object move together
-    on a vertical prismatic joint.
-    """
+    """Return the blueprint of an object to lift at ``head``; all its parts move on one vertical joint."""
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 
 

@@ -1,6 +1,4 @@
-"""Define three classes of generated buckets: buckets that are lifted, buckets that are pushed, and buckets whose wire
-handle swings.
-"""
+"""Define buckets that are lifted, buckets that are pushed, and buckets whose wire handle swings."""
 
 from __future__ import annotations
 
@@ -15,9 +13,7 @@ from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tub
 
 @dataclass(frozen=True)
 class Bucket:
-    """Parts of a bucket with the handle up; ``hinge`` (3,) is the middle of the handle's axis, ``top`` (3,) the highest
-    point of the handle.
-    """
+    """Parts of a bucket with the handle up; ``hinge`` (3,): middle of its axis, ``top`` (3,): its highest point."""
 
     body: list[Solid]
     handle: list[Solid]

@@ -51,9 +51,7 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def in_a_wall(rng: np.random.Generator) -> Blueprint:
-    """Generate a random door that is set in a piece of wall. Some of these doors have a lever, and many are larger than
-    the doors with a frame.
-    """
+    """Generate a random door in a piece of wall, some with a lever, many larger than framed doors."""
     width, height = c.between(rng, 0.11, 0.26), c.between(rng, 0.40, 0.56)
     sides = [c.between(rng, 0.03, 0.28) for _ in range(2)]
     above, deep = c.between(rng, 0.01, 0.22), c.between(rng, 0.02, 0.08)

@@ -14,9 +14,7 @@ WALL = 0.012  # m, thickness of a table's aprons, and of a sideboard's boards
 
 
 def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
-    """Return a round knob with a stem. ``at`` is the foot of the stem, ``end`` the centre of the knob, ``radius`` its
-    radius (m).
-    """
+    """Return a round knob with a stem, from its foot ``at`` to the knob's centre ``end``; ``radius`` in m."""
     return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
@@ -44,9 +42,7 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, middle: np
 
 
 def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """Generate a random small handle in front of the point ``at``: a bar, a tab, one knob or two knobs. Return the
-    parts of the handle and the point at which the hand grasps it.
-    """
+    """Generate a small handle in front of ``at`` (bar, tab or knobs); return its parts and its grasp point."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(4))
     reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
@@ -66,9 +62,7 @@ def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tupl
 
 
 def sideboard(rng: np.random.Generator) -> Blueprint:
-    """Generate a random sideboard. Under its top it has two or three bays, some of them empty. Below the bays it has
-    doors, drawers or a shelf.
-    """
+    """Generate a sideboard: two or three bays under its top, some empty, above doors, drawers or a shelf."""
     width, depth = c.between(rng, 0.34, 0.56), c.between(rng, 0.15, 0.24)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.035)
     rise, foot = c.between(rng, 0.26, 0.42), c.between(rng, 0.0, 0.07)
@@ -128,9 +122,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Generate the lower part of a sideboard, which extends from y = ``low`` to y = ``high``. This part is a pair of
-    doors, a stack of drawers that do not open, or a shelf, selected at random.
-    """
+    """Generate a random lower part from y = ``low`` to ``high``: doors, a stack of fixed drawers, or a shelf."""
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:

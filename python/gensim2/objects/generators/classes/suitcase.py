@@ -1,6 +1,4 @@
-"""Define two classes of generated suitcases that lie flat: suitcases that are pushed, and suitcases whose lid is opened
-and closed.
-"""
+"""Define suitcases that lie flat: suitcases to push, and suitcases whose lid is opened and closed."""
 
 from __future__ import annotations
 
@@ -15,9 +13,7 @@ from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase. ``hinge`` (3,) is the midpoint of the lid's lower edge, and ``edge`` (3,) is the
-    midpoint of the lid's upper edge.
-    """
+    """Parts of a closed suitcase; midpoints (3,) of the lid's lower (``hinge``) and upper edge (``edge``)."""
 
     shell: list[Solid]
     lid: list[Solid]

@@ -13,9 +13,7 @@ from gensim2.objects.shapes import Look, Solid, Vec3, box
 
 @dataclass(frozen=True)
 class WindowFrame:
-    """Dimensions (m) and materials of a window: its inner width and height, the width and depth of the bars of its
-    frame, the thickness of the sash, and the materials of frame and metal parts.
-    """
+    """A window's dimensions (m): inner size, frame bars, sash; and the materials of frame and metal parts."""
 
     width: float
     height: float
@@ -48,9 +46,7 @@ def surround(frame: WindowFrame) -> list[Solid]:
 
 
 def sash(center: Vec3, width: float, height: float, frame: WindowFrame) -> list[Solid]:
-    """Return the parts of a window sash: four rails, a pane between them, and a vertical bar in the middle of the pane.
-    The bar has no collision shape.
-    """
+    """Return a window sash: four rails, a pane, and a vertical bar without a collision shape."""
     at = np.asarray(center, float)
     rail = 0.018
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])

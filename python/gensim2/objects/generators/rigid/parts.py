@@ -70,9 +70,7 @@ LEAF = matte(0.13, 0.42, 0.12)
 
 
 def scaled(solid: Solid, factor: float | Vec3) -> Solid:
-    """Return the part scaled about the origin. ``factor`` is one positive number for all axes, or one positive number
-    for each axis.
-    """
+    """Return the part scaled about the origin by a positive ``factor``: one number, or one for each axis."""
     f = np.broadcast_to(np.asarray(factor, float), (3,))
     hull = None if solid.hull is None else solid.hull * f
     mesh = None if solid.mesh is None else replace(solid.mesh, vertices=solid.mesh.vertices * f)
@@ -207,9 +205,7 @@ def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[So
 
 
 def blade(points: Sequence[tuple[float, float]], thickness: float, look: Look, at: float = 0.0) -> Solid:
-    """Return a convex plate parallel to the xy plane, with the outline ``points``. ``at`` is the z of the middle of the
-    plate.
-    """
+    """Return a convex plate parallel to the xy plane with outline ``points``; ``at``: z of its middle plane."""
     flat = np.array([(x, y, at + s * thickness / 2) for x, y in points for s in (-1, 1)])
     return convex(flat, look)
 
@@ -226,9 +222,7 @@ def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
 
 
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
-    """Return a round bar of varying radius along a polyline. The bar has one collision hull for each segment of the
-    polyline, and one smooth visual surface.
-    """
+    """Return a round bar of varying radius along a polyline: a hull for each segment, one smooth visual surface."""
     from gensim2.objects.shapes import loft
 
     p = [np.asarray(q, float) for q in points]
