@@ -36,14 +36,12 @@ def keypoint_problem(
         problem: recorded problem, with its keyframe times and keypoints.
         scene: scene with the obstacles of the problem.
         robot: model of the arm with hand and fingers.
-        frames: frame in which the config gives the motions of the hand after the actuation keyframe. ``"object"`` means
-            the frame of the hand. ``"original"`` means the frame of the original GenSim2 solver, which is rotated by
-            the object's yaw.
+        frames: frame of the hand's motions in the config: ``"object"`` (the hand's), or ``"original"``, as in the
+            original GenSim2, rotated by the object's yaw.
         options: solver options that replace the default options for recorded problems.
 
     Raises:
-        InputError: the solver rejects the problem's config, or a number in the problem is out of range. The message
-            names the problem.
+        InputError: the solver rejects the problem's config, or a number is out of range.
     """
     joint = scene.joint
     # The solver of the original GenSim2 keeps no margin to obstacles, and it ignores collisions between the hand and

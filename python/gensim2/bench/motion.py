@@ -33,8 +33,7 @@ FINGERS_OPEN = 0.04
 class MotionProblem:
     """Planning problem: move from one joint vector to any of several goals without touching the obstacles.
 
-    ``start`` and each of ``goals`` are (m,), the positions of the arm's joints from base to hand. ``obstacles`` are
-    given in the robot's base frame.
+    ``start`` and ``goals`` are (m,) arm joints from base to hand; ``obstacles`` are in the base frame.
     """
 
     id: str
@@ -140,8 +139,7 @@ def solve_motions(
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
     - ``nearer``: pairs of bodies that are closer than ``margin`` already at the start or at the goal. Each entry has
-      the names of the two bodies and their distance in m. During the motion, these two bodies must keep only this
-      distance instead of ``margin``.
+      names and distance (m) of two bodies that need only keep this distance, not ``margin``.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 

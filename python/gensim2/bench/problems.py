@@ -110,11 +110,9 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """A planning problem, stored as one line of a problem file. The docstring of this module lists the units and
-    frames.
+    """A planning problem, one line of a problem file; the module lists units and frames.
 
-    ``task`` and ``sub_task`` are the names of the task and step in the recorded episode. A name is empty if it was not
-    recorded.
+    ``task`` and ``sub_task`` name the recorded task and step; a name is empty if it was not recorded.
     """
 
     id: Annotated[str, Field(min_length=1)]

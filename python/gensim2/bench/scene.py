@@ -101,9 +101,8 @@ class SceneObstacle:
 
     Attributes:
         name: unique name in the scene.
-        role: role of the body in the problem. ``"table"`` is the table. ``"object_body"`` is the fixed part of an
-            articulated object, and ``"moving_link"`` is its movable part. ``"target"`` is a rigid object that the
-            constraints of the motion name. ``"attached"`` is a grasped object. ``"rigid"`` is any other rigid object.
+        role: ``"table"``; ``"object_body"`` and ``"moving_link"``, the parts of an articulated object; ``"target"``, a
+            rigid object in the constraints; ``"attached"``, a grasped object; or ``"rigid"``, any other rigid object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
         pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
     """

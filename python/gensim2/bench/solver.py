@@ -128,8 +128,7 @@ def solve_problems(
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        assets: folder with the objects of the problems. Every object becomes an obstacle. If ``assets`` is None, the
-            table is the only obstacle.
+        assets: folder of the problems' objects, all of them obstacles; None: only the table is an obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.convert.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
         sample_dt: time step of the joint positions in the records, s; None: no joint positions.

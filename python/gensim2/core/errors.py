@@ -101,9 +101,8 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
 
     Args:
         refused: function that turns the exception into the InputError to raise.
-        passed: types of exceptions that are not converted. KeyboardInterrupt, stop signals and MemoryError are never
-            converted, so they need not be listed. SystemExit is converted, because the user's code may call
-            ``sys.exit``.
+        passed: exceptions that are not converted, besides KeyboardInterrupt, stop signals and MemoryError. SystemExit
+            is converted, because the user's code may call ``sys.exit``.
 
     Raises:
         InputError: the block raised an exception; ``refused`` creates this error.

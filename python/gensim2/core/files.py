@@ -37,8 +37,7 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
     Args:
         variable: name of the environment variable.
-        default: function that returns the folder used if the variable is not set; it raises ``RuntimeError`` if the
-            account has no home folder.
+        default: function that returns the folder without the variable; RuntimeError without a home folder.
 
     Raises:
         InputError: the variable is not set, and the account has no home folder.
@@ -56,14 +55,12 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; the file written there replaces ``path`` when the block ends.
 
-    ``path`` is always either the complete old file or the complete new file, even after a crash or a power cut. To
-    ensure this, the new data is written to disk before the file is renamed, and the renaming is written to disk before
-    the ``with`` statement ends. If the block fails, ``path`` is unchanged.
+    ``path`` is always either the complete old or the complete new file, even after a power cut: data and renaming are
+    written to disk before the block ends. If the block fails, ``path`` is unchanged.
 
     The temporary path has the suffix of ``path``, because some libraries choose the file format by the suffix.
 
-    If ``path`` is a symbolic link, the new file replaces the link itself. In an untrusted folder, a link could
-    otherwise redirect the write to a file outside the folder.
+    A symbolic link ``path`` is replaced itself, because it could lead out of an untrusted folder.
 
     Raises:
         WriteError: the folder cannot be written to, or the disk is full.
@@ -95,9 +92,8 @@ def not_written(error: OSError, path: Path) -> WriteError:
 def new_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder next to ``path``. When the block ends, the temporary folder is renamed to ``path``.
 
-    ``path`` must not exist or must be an empty folder. If the block fails, the temporary folder is removed. If the
-    process is killed, the next call for the same path removes the temporary folder. After a power cut, the new folder
-    may lack files. Therefore use this function only for data that can be computed or downloaded again.
+    ``path`` must not exist or be an empty folder. A failed block removes the temporary folder, and the next call
+    removes that of a killed process. A power cut may lose files, so use this only for data that can be made again.
 
     Raises:
         InputError: ``path`` is not empty.
@@ -223,8 +219,7 @@ def write_changed(path: Path, text: str) -> None:
 def write_output(path: Path, data: str | bytes) -> None:
     """Write data to a path that the user chose.
 
-    A file is replaced atomically. If the path is a link, the target of the link is replaced. The data is written
-    directly to a pipe or device.
+    A file (for a link, its target) is replaced atomically; a pipe or device is written directly.
 
     Raises:
         InputError: the path cannot be written to, or the disk is full.
@@ -262,8 +257,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def remove_temporaries(folder: Path, *, subfolders: bool = True) -> None:
-    """Remove temporary files that killed processes left in a folder. Call this function only while no other process
-    writes to the folder.
+    """Remove temporary files of killed processes from a folder to which no process writes.
 
     Args:
         folder: the folder; it may be missing.

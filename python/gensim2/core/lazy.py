@@ -10,8 +10,7 @@ from typing import Any
 
 
 def lazy_names(package: str) -> Callable[[str], Any]:
-    """Return a function ``__getattr__`` for a package that imports names on first use. The function knows the names
-    that the package imports in its ``if TYPE_CHECKING:`` block.
+    """Return ``__getattr__`` for a package that imports the names of its ``if TYPE_CHECKING:`` block on first use.
 
     Args:
         package: ``__name__`` of the package.

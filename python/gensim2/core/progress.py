@@ -32,11 +32,9 @@ def now() -> str:
 
 
 class Progress(Protocol):
-    """Listener to which a long function reports its progress. The function has one or more stages, which run one after
-    the other.
+    """Listener to which a long function reports its progress, in one or more successive stages.
 
-    Long functions take ``progress: Progress = NULL_PROGRESS``. Only the calling process uses the listener; workers send
-    their progress to that process.
+    Long functions take ``progress: Progress = NULL_PROGRESS``; workers report to the calling process.
     """
 
     def start(self, description: str, total: int | None = None) -> None:
@@ -99,8 +97,7 @@ class ConsoleProgress:
     """Progress listener that prints to standard error. On a terminal it shows progress bars; in a file or a pipe it
     prints a line every 30 s with an estimate of the remaining time, and one line at the end of each stage.
 
-    The listener is a context manager. When the ``with`` block ends, also by an exception or Ctrl-C, the listener ends
-    the last stage.
+    It is a context manager, whose end, also by an exception or Ctrl-C, ends the last stage.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:

@@ -30,8 +30,7 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
     """Read the JSON file ``path`` as a ``model``.
 
     Raises:
-        InputError: the file cannot be read, is not JSON, has an unsupported schema version, or has a missing, unknown
-            or invalid field; the message includes ``remedy``.
+        InputError: the file is unreadable, not JSON, of another schema version, or has an invalid field.
     """
     content = read_input(path, MAX_RECORD, remedy)
     return parse_record(content, TypeAdapter(model), path, remedy)

@@ -30,9 +30,8 @@ def command_line() -> list[str]:
 class FolderLock:
     """Lock of a folder. The lock is released at the end of the ``with`` block, or when the process ends.
 
-    Symbolic links must not lead out of the folder, because writes would follow them. The lock file contains the process
-    id and is never removed. If a process could remove the file, another process could create and lock a new file of the
-    same name, and the two processes would both hold a lock.
+    Symbolic links must not lead out of the folder, because writes would follow them. The lock file with the process id
+    is never removed: otherwise two processes could each lock a file of this name.
 
     Args:
         folder: the folder; it is created if missing.
@@ -90,8 +89,7 @@ class FolderLock:
         self._lock.release()
 
     def _require_kept(self) -> None:
-        """Check that the folder was not removed or replaced during the run. Otherwise the files that the run wrote
-        before are lost.
+        """Check that the folder was not removed or replaced during the run, which would lose written files.
 
         Raises:
             WriteError: the lock file is missing, or is not the file that this process has locked.
@@ -106,12 +104,10 @@ class FolderLock:
 
 
 class RunSettings(BaseModel):
-    """Base class of the record that a resumable folder stores. The record contains the settings that determine the
-    results of a run.
+    """Base class of a resumable folder's record: the settings that determine a run's results.
 
     Attributes:
-        FREE: names of the settings that may change when a run is resumed. The name of a nested setting contains a dot,
-            as in ``group.setting``.
+        FREE: settings that may change when a run is resumed; nested ones as ``group.setting``.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -173,8 +169,7 @@ Settings = TypeVar("Settings", bound=RunSettings)
 
 
 class ResumableFolder(Generic[Settings]):
-    """Folder in which a run stores its results, so that the run can be resumed. The folder is locked while it is open.
-    A file in the folder records the run's settings.
+    """Folder of a run's results, locked while open, with a file that records the settings for resuming.
 
     The class is a context manager; the end of the ``with`` block releases the lock.
 
@@ -185,8 +180,7 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: whether to continue the run that the folder contains.
         lock: name of the lock file; None if the caller has already locked an outer folder.
-        alone: whether the run needs the folder for itself. If so, a folder with other files but without a run is
-            refused.
+        alone: whether a folder with other files but without a run is refused.
 
     Attributes:
         path: the folder.

@@ -3,9 +3,8 @@
     bytes 0..511    ``<magic> <version> <sha256>``, a line feed, then zeros
     from 512 on     the body
 
-The body can be an HDF5 file, because the HDF5 library skips the first 512 bytes as a user block. The checksum is
-computed from the text ``<magic> <version>``, a line feed and the body. A file with changed bytes is refused before a
-library reads its body, because damaged data can crash the library.
+HDF5 skips the first 512 bytes as a user block, so the body can be an HDF5 file. The checksum covers ``<magic>
+<version>``, a line feed and the body; changed files are refused before a library, which they could crash, reads them.
 """
 
 from __future__ import annotations
@@ -56,8 +55,7 @@ class Seal:
         """Check a file and return its SHA-256 digest and its content (header and body).
 
         Raises:
-            InputError: the file cannot be read, or an incompatible version of gensim2 wrote it. If the bytes have
-                changed, the error is of the class ``self.damaged``.
+            InputError: the file is unreadable or of an incompatible version; ``self.damaged`` if bytes have changed.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

@@ -1,7 +1,6 @@
 """Write to special files (devices and pipes), which an atomic write would replace.
 
-A user may name a device (``/dev/full``), a pipe, or an open descriptor (``/dev/stdout``, a shell's ``>(...)``) as an
-output file.
+Users may name a device, a pipe, or an open descriptor (``/dev/stdout``, ``>(...)``) as an output file.
 """
 
 from __future__ import annotations

@@ -22,8 +22,7 @@ Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 def write_weights(folder: Path, tensors: Mapping[str, torch.Tensor]) -> tuple[str, str]:
-    """Write tensors atomically to a file in a folder. Write the record next, and then call
-    :func:`remove_other_weights`.
+    """Write tensors atomically; next write the record, then call :func:`remove_other_weights`.
 
     Returns:
         Name of the file, and the SHA-256 of its content in hexadecimal digits.

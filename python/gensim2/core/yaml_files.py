@@ -1,8 +1,7 @@
 """Read and write YAML files of plain data, with limits on size, depth and repetition.
 
-Files may be untrusted or come from language models. A file may contain mappings with text keys, lists, text, numbers,
-true, false and null. Dates, merge keys (``<<``), custom tags and cyclic anchors are refused; the error names file and
-line.
+Files may be untrusted or come from language models. They may contain mappings with text keys, lists, text, numbers,
+true, false and null, but no dates, merge keys (``<<``), custom tags or cyclic anchors.
 """
 
 from __future__ import annotations
@@ -61,8 +60,7 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
     """Parse YAML text. Numbers must be finite, and integers must fit into 64 bits.
 
     Raises:
-        InputError: the text is not UTF-8 or not YAML, is too large or too deeply nested, or contains a value that JSON
-            cannot express; the message gives the line.
+        InputError: not UTF-8 or YAML, too large or deep, or not expressible in JSON; the message gives the line.
     """
     if len(data) > MAX_BYTES:
         raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)

@@ -95,8 +95,7 @@ class Described:
 
 
 def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind: str) -> Path:
-    """Write the card of a data set or of an export, and return its path. The card is the file ``README.md``, which
-    describes the episodes.
+    """Write the card of a data set or export, ``README.md``, which describes the episodes; return its path.
 
     Args:
         described: for each task, the number of episodes and steps, and the objects.

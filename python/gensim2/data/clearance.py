@@ -37,10 +37,8 @@ class Clearance:
     """Clearance of one episode.
 
     Attributes:
-        distance: smallest distance in the episode, m. It is negative if bodies overlap, and ``FARTHEST`` if all
-            distances are larger than ``FARTHEST``.
-        to: nearest obstacle: ``"table"``, ``"itself"`` (the robot) or an object's name. It is None if no obstacle was
-            closer than ``FARTHEST``.
+        distance: smallest distance, m; negative for an overlap, ``FARTHEST`` if larger than that.
+        to: nearest obstacle: ``"table"``, ``"itself"`` or an object; None beyond ``FARTHEST``.
     """
 
     distance: float
@@ -61,19 +59,16 @@ class _Body:
 class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
-    The clearance is the smallest of three distances: between a link and the table, between two links, and between a
-    link and an object that the task does not use. An object that both fingers touch counts as grasped. A grasped object
-    counts as a part of the hand, except that the meter ignores its distances to the table and to the object on which it
-    stood at the start.
+    The clearance is the smallest distance between a link and the table, another link, or an object that the task does
+    not use. An object that both fingers touch counts as grasped, as a part of the hand, without its distances to the
+    table and to its first support.
 
-    The meter also ignores objects that the task uses, links that no joint moves, and pairs of links that can never
-    touch.
+    Objects that the task uses, links without a joint, and pairs that can never touch are ignored.
 
     Args:
         task: task of the episodes.
         library: library of their objects.
-        hulls: method of convex decomposition that made the collision shapes of the objects when the episodes were
-            recorded.
+        hulls: convex decomposition of the objects when the episodes were recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:

@@ -31,8 +31,7 @@ TEXT_HEIGHT, SMALL_TEXT_HEIGHT = 14, 11
 
 
 class CloseUp:
-    """Draws a close-up of the fingertips into a corner of video frames. The close-up shows the side on which the hand
-    hides the fingertips least.
+    """Draws a close-up of the fingertips, from the least hidden side, into a corner of video frames.
 
     Args:
         profile: robot profile.

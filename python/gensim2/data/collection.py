@@ -84,13 +84,11 @@ def collect(
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.noise`).
-        strategy: names of strategies. A step uses only its strategies with these names; a step without such a strategy
-            uses all of its strategies.
+        strategy: names of strategies; a step with such strategies uses only these.
         objects: number of generated objects of each articulated class to use instead of ``instances``. These objects
             differ from the built-in objects and from the objects of ``instances="new"``. None: use ``instances``.
-        engines: ``"both"`` repeats each episode on the same scene in the other physics engine. An episode then counts
-            as a demonstration only if it succeeds in both engines (verdict `held`). The recorded states come from the
-            first engine.
+        engines: ``"both"`` repeats each episode on the same scene in the other engine; a demonstration must succeed in
+            both (verdict `held`). Recorded states come from the first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

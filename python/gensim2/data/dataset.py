@@ -53,13 +53,11 @@ class DataSet:
 
         Args:
             path: folder of the data set.
-            assets: current folder of the object library. None means the folder that the data set records. A data set of
-                built-in objects needs no folder. Opening does not check the content of the objects; each object is
-                checked when it is first used (:mod:`gensim2.data.used_objects`).
+            assets: current folder of the objects; None: the recorded folder. Data sets of built-in objects need none.
+                Objects are checked on first use (:mod:`gensim2.data.used_objects`).
 
         Raises:
-            InputError: ``dataset.json`` is missing or damaged, or another version of gensim2 wrote the file; or
-                ``assets`` has no objects.
+            InputError: ``dataset.json`` is missing, damaged or of another version; or ``assets`` has no objects.
         """
         path = Path(path)
         file = path / DATASET_JSON
@@ -74,8 +72,7 @@ class DataSet:
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Return the scene options that all tasks share. ``assets`` is the current folder of the objects, which may
-        differ from the recorded folder.
+        """Return the scene options that all tasks share, with the objects' current folder ``assets``.
 
         Raises:
             InputError: the folder of objects does not exist.

@@ -61,22 +61,18 @@ def collect(
     videos: int = 1,
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
-    """Run episodes until ``episodes`` of them have succeeded, and merge the successful episodes (demonstrations) into
-    one trajectory file.
+    """Run episodes until ``episodes`` have succeeded, and merge these demonstrations into one trajectory file.
 
-    An episode succeeds if the goal is true at the end and the scene is at rest (verdict `held`). If
-    ``evaluator.rollout.engines`` is ``"both"``, the episode must succeed in both physics engines.
+    Success means the verdict `held`, in both engines if ``evaluator.rollout.engines`` is ``"both"``.
 
-    Each episode is written to its own file as soon as the episode is finished. The file of a failed episode contains
-    only the record, without states. If the files of some episodes are missing or damaged, a second call runs these
-    episodes again. The result depends only on the seed, because the collection ends at the first index at which enough
-    episodes have succeeded.
+    Each finished episode is written to its own file; a failed one without states. A second call runs episodes with
+    missing or damaged files again. The collection ends at the first index with enough successes, so the result depends
+    only on the seed.
 
     Args:
         instances: name of the set of objects.
         episodes: number of demonstrations.
-        videos: number of videos to record. They show the first demonstrations, or the first failed episodes if every
-            episode failed.
+        videos: number of videos, of the first demonstrations, or of failed episodes if all failed.
 
     Returns:
         All episodes that were run. If too many of them failed, there are fewer than ``episodes`` demonstrations.

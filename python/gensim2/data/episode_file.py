@@ -125,8 +125,7 @@ def read_episode(path: Path) -> EpisodeResult:
 
 @contextlib.contextmanager
 def open_episode(path: Path) -> Iterator[tuple[Episode, RecordingHeader | None, h5py.Group | None]]:
-    """Open an episode's file. Yield its record, the metadata of its recording, and the HDF5 group ``traj``. Metadata
-    and group are None if the file has no recorded states.
+    """Open an episode's file; yield record, recording metadata and group ``traj``; the last two None without states.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.

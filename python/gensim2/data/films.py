@@ -79,8 +79,7 @@ def film_index(film: Path) -> int:
 def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
     """Record a video of an episode in a worker process and return the number of frames.
 
-    The frames are computed by ray casting, which needs neither the simulator's renderer nor a graphics driver. The
-    video has ten frames per second of simulated time.
+    Frames are ray-cast, without the simulator's renderer or a graphics driver: ten per simulated second.
 
     Args:
         episode: file of the episode, with states.

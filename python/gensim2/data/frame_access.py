@@ -77,9 +77,8 @@ class FrameAccess:
         stores: stored episodes of each task; at least one task.
         robot_name: robot of the episodes.
         observations: whether to include rendered observations; None includes them if any exist.
-        horizon: number of future actions with each frame. If ``horizon`` is 1, ``action`` has the shape (m + 1,) for an
-            arm with m joints. If ``horizon`` is larger, ``action`` has the shape (horizon, m + 1). Near the end of an
-            episode, the last action is then repeated, and ``action_is_pad`` marks the repetitions.
+        horizon: number of future actions with each frame: ``action`` is (m + 1,) for 1, else (horizon, m + 1). Near the
+            end the last action repeats, marked by ``action_is_pad``.
 
     Raises:
         InputError: the collection is not finished, only some episodes have observations, or their specs differ.

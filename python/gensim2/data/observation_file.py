@@ -49,10 +49,8 @@ class ObservedEpisode:
     Attributes:
         description: JSON data about the origin and the settings of the observations. It has the keys ``task``,
             ``index``, ``episode_digest``, ``language`` and ``steps``, and all fields of the observation spec.
-        arrays: arrays by name. Most arrays have the shape (T + 1, ...), because there is an observation before the
-            first step and one after each step. Three arrays of a camera have no time axis: its matrix ``intrinsic``,
-            its pose ``T_base_camera`` if the camera is fixed, and its pose ``T_link_camera`` if the camera is on the
-            robot.
+        arrays: arrays by name, mostly (T + 1, ...): before the first step and after each. A camera's ``intrinsic`` and
+            pose, ``T_base_camera`` if fixed or ``T_link_camera`` on the robot, have no time axis.
     """
 
     description: dict[str, Any]
@@ -142,8 +140,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
 
 
 def frame_arrays(path: Path, frames: int) -> list[str]:
-    """Return the names of a file's arrays that have one row per frame. These arrays become columns of
-    :class:`~gensim2.data.DataSet` frames.
+    """Return the arrays with one row per frame, the columns of :class:`~gensim2.data.DataSet` frames.
 
     Args:
         path: observation file whose checksum was checked already.

@@ -23,13 +23,11 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
-    """Compute the observation of every recorded state of an episode. Return arrays (T + 1, ...), where T is the number
-    of control steps.
+    """Compute the observations (T + 1, ...) of all recorded states of an episode of T steps.
 
     Raises:
         InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.
-        EmptyCloudError: at least one recorded state has no point of the cloud in the workspace; the message names the
-            time of this state.
+        EmptyCloudError: a state, whose time is named, has no point of the cloud in the workspace.
     """
     observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
@@ -50,8 +48,7 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
     """Return the owner and the link for each segmentation id. The owner is an object's name, the robot or ``table``.
 
-    The keys of the result are strings, because the result is stored as JSON. The result is empty if the observation
-    spec contains no point cloud, depth image or segmentation image.
+    Keys are strings for JSON; empty if the spec has no cloud, depth or segmentation image.
 
     Raises:
         InputError: an object's files cannot be used.

@@ -37,18 +37,14 @@ class TaskQuality:
         strict: number of episodes that also pass the stricter verdict `strict`.
         whole: number of successful episodes in which every motion was executed completely.
         causes: number of failed episodes by cause.
-        places: for each episode, the initial placement of the first step's object (x and y in m, yaw in rad), and
-            whether the episode succeeded. The first step's object is the object on which the first step of the task
-            acts.
-        openness: initial openness of the first step's object in each successful episode; empty if the object has no
-            joint.
+        places: of each episode, the first step's object's placement (x, y in m, yaw in rad) and its success.
+        openness: initial openness of the first step's object in successful episodes; empty without a joint.
         lengths: number of control steps in each successful episode.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
         clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
         nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
         instances: for each object, the number of successful episodes that use the object.
-        same_scene: number of successful episodes whose initial scene is the same as in an earlier episode, with
-            positions rounded to a millimetre.
+        same_scene: successful episodes with the initial scene, to a millimetre, of an earlier episode.
         same_actions: number of successful episodes whose actions are the same as in an earlier episode.
     """
 
@@ -84,8 +80,7 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
     """Yield the quality measures of each task; one episode is in memory at a time.
 
     Raises:
-        InputError: the collection is incomplete, a file of an episode or an object is damaged, or an object is missing
-            or has changed.
+        InputError: the collection is incomplete, or an episode or object is damaged, missing or changed.
     """
     scene = dataset.scene
     profile, objects = robot(scene.robot), ObjectCheck(dataset, progress)

@@ -86,8 +86,7 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
 
     Args:
         path: the folder; it is created if missing.
-        record: settings of the collection. A resumed collection may have more episodes and more tasks than before, but
-            its other settings must be the same.
+        record: settings; only the numbers of episodes and tasks may grow when a collection is resumed.
         resume: continue an existing data set.
         process: facts about this call (such as the number of workers), stored in ``run.json``.
 

@@ -50,11 +50,9 @@ class TaskRecord(_Record):
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
         instances: set from which the objects of the episodes are sampled, such as ``"test"`` (the test split).
-        objects: number of generated objects of each articulated class. If this number is given, the episodes sample
-            from these generated objects instead of from ``instances``.
+        objects: number of generated objects of each class from which to sample, not from ``instances``.
         tried: number of all episodes; None until all episodes are finished.
-        held: number of successful episodes (verdict `held`: the goal is true at the end and the scene is at rest); None
-            until all episodes are finished.
+        held: number of successful episodes (verdict `held`); None until all are finished.
         strict: number of episodes that also pass the verdict `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
@@ -125,9 +123,8 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record of a resumed collection. The settings come from ``now``, the record of the command that
-        resumes the collection. The objects come from this record. The results also come from this record, unless
-        ``now`` adds tasks or episodes; in this case the results are empty.
+        """Return a resumed collection's record: settings of ``now``, objects of this record, and its results unless
+        ``now`` adds tasks or episodes.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

@@ -208,10 +208,8 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set from which the objects of the episodes are sampled. The set ``"new"`` has generated objects that
-            the library does not list, and the set ``"test"`` is the test split. Neither of these two sets contains an
-            object that the search used. The set ``"all"`` contains all objects; it is used if a class has too few
-            objects for a test split.
+        instances: set of the objects: ``"new"`` generated objects that the library does not list, ``"test"``, the test
+            split, or ``"all"``, if a class has too few objects. The search used no object of the first two.
         second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 
@@ -281,8 +279,7 @@ class TaskOutcome:
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
-        checker: how often the success criteria were true in scenes that were changed so that the task is not done
-            (docs/reference/tasks.md). None in records of earlier versions.
+        checker: how often criteria held in scenes changed so that the task is not done; None in earlier records.
     """
 
     name: str
@@ -326,10 +323,8 @@ class PipelineResult:
     Attributes:
         run_dir: run folder.
         tasks: designed tasks in the order in which they were finished.
-        rejected: proposed tasks that were not verified, with the reason. For example, the planner found no motion for
-            any of the candidate strategies.
-        notes: remarks for the user. For example, the run designed fewer tasks than requested, or could not use some
-            objects.
+        rejected: proposed tasks that were not verified, with the reason, such as no motion found.
+        notes: remarks for the user, such as fewer tasks than requested or unusable objects.
     """
 
     run_dir: str

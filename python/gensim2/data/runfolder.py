@@ -46,15 +46,12 @@ class RunFolder(ResumableFolder[RunRecord]):
 
     Args:
         path: the folder.
-        arguments: arguments of the run. When a run is resumed, the arguments in ``records.FIXED_ARGUMENTS`` must be the
-            same as before.
-        identity: digests of all inputs, except the arguments, that determine the results. When a run is resumed, the
-            digests must be the same as before.
+        arguments: arguments of the run; those in ``records.FIXED_ARGUMENTS`` must stay when it is resumed.
+        identity: digests of all other inputs that determine the results; a resumed run must have the same.
         resume: continue an existing run.
 
     Raises:
-        InputError: the folder exists and ``resume`` is false, it belongs to a different run, another process uses it,
-            its record is damaged, or it cannot be written.
+        InputError: the folder exists and ``resume`` is false, is another run's, in use, damaged, or not writable.
     """
 
     def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:

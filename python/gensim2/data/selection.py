@@ -58,8 +58,7 @@ class Selection:
         """Yield each task with its selected episodes by index; tasks without a selected episode are left out.
 
         Raises:
-            InputError: a task is unknown, the collection is incomplete, or a necessary file is damaged, missing or
-                changed.
+            InputError: a task is unknown, the collection incomplete, or a file damaged, missing or changed.
         """
         for name in dict.fromkeys(self.tasks or dataset.tasks):
             store = dataset.task(name)

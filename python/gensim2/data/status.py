@@ -20,8 +20,7 @@ class TaskStatus:
         held: number of successful episodes (verdict `held`) among the finished episodes.
         strict: number of episodes that pass the verdict `strict` among the finished episodes.
         causes: number of failed episodes by cause, most frequent first.
-        engines: number of successful episodes in each physics engine; empty unless every scene is run in both engines
-            (``engines="both"``).
+        engines: successful episodes by physics engine; empty unless ``engines="both"``.
         disagreed: seeds of the scenes in which only one engine passes `held`.
     """
 
@@ -51,8 +50,7 @@ class Status:
         seconds: wall time of this run, s.
         stored: size of all episodes, bytes.
         free: free disk space, bytes.
-        failed_tries: number of attempts in this run that failed because a process died, hung or raised an unexpected
-            exception.
+        failed_tries: attempts that failed because a process died, hung or raised an unexpected exception.
         pace: mean time between two finished episodes of this run, s, without the start of the workers and the first
             episode of each worker; None before the second episode of each worker.
     """

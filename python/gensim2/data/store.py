@@ -35,8 +35,7 @@ class TaskStore:
     """The episodes of one task in one folder.
 
     Args:
-        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/`` (successful), ``failures/`` and, once all
-            episodes are finished, ``episodes.jsonl``.
+        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/``, ``failures/`` and finally ``episodes.jsonl``.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -83,8 +82,7 @@ class TaskStore:
         return write_episode(self.path(index, episode.held), episode, recording)
 
     def rows(self) -> Iterator[Episode]:
-        """Yield the records of all episodes from ``episodes.jsonl``, ordered by index. Only one record is in memory at
-        a time.
+        """Yield all records of ``episodes.jsonl`` by index, with one in memory at a time.
 
         Raises:
             InputError: the file is missing because the collection is incomplete, or the file cannot be read. The error

@@ -1,7 +1,6 @@
 """Track the finished and missing episodes of one task in a collection.
 
-A task needs episodes until its quota is full. For a data set, the quota is a number of episodes. For demonstrations of
-a verified task, the quota is a number of successful episodes.
+A task's quota is a number of episodes for a data set, or of successes for demonstrations.
 """
 
 from __future__ import annotations
@@ -46,8 +45,7 @@ class Quota:
 def keep_episode(
     folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
 ) -> tuple[Episode, int]:
-    """Write an episode into the folder of its task. Worker processes call this function. Return the episode, and the
-    size of the file in bytes.
+    """Write an episode into its task's folder, in a worker; return it and the file's size in bytes.
 
     Args:
         failures: also store the states of failed episodes.
@@ -190,9 +188,8 @@ class TaskQueue:
         """Yield a job for each missing episode; the jobs are numbered from ``first``. Yield None while no job can start
         yet, because the results of running episodes decide whether the task needs another episode.
 
-        A new episode is started only if the task needs it in any case: even if all running episodes succeed, the quota
-        is not full without the new episode. Therefore neither the number of workers nor the order in which the episodes
-        finish changes which episodes are run.
+        An episode is started only if it is needed even when all running episodes succeed. So neither the number of
+        workers nor the order of results changes which episodes are run.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)

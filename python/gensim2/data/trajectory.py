@@ -1,15 +1,13 @@
 """Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
-Each finished episode is first written atomically to its own file under ``episodes/``, so that an interruption loses no
-finished episode. At the end, :func:`write_trajectory` merges the episode files in the order of its argument
-``episodes``. Therefore the bytes of the two trajectory files do not depend on the number of workers.
+Each finished episode is written atomically under ``episodes/``, so that interruptions lose none.
+:func:`write_trajectory` merges the files in the order of ``episodes``, so the bytes do not depend on the workers.
 
 ManiSkill's own command can replay the result:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
 
-This command finds the environment, because the environment id in ``trajectory.json`` begins with the name of a module.
-The command imports this module, and the module registers the environment.
+The id in ``trajectory.json`` begins with a module, which the command imports to register the environment.
 """
 
 from __future__ import annotations

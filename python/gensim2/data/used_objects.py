@@ -17,9 +17,8 @@ _REMEDY = "restore the object, or give its folder with --assets"
 class ObjectCheck:
     """Checks that the objects have not changed since the episodes of a data set were run.
 
-    Objects are compared by a hash that depends on their files and on the version of gensim2. If the installed version
-    made the data set, a difference is an error. If another version made the data set, a difference causes only a
-    message, once for each object.
+    Objects are compared by a hash of their files and the version of gensim2. A difference is an error if the installed
+    version made the data set, and otherwise a message, once for each object.
 
     Args:
         dataset: data set of the episodes.

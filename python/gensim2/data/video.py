@@ -86,8 +86,7 @@ class Replay:
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1) actions of T control steps; m is the number of arm joints.
         scene: configuration of the environment.
-        states: recorded states (T + 1, ...), named as in ManiSkill's ``env_states``; None if SAPIEN replays the
-            actions.
+        states: recorded states (T + 1, ...) as in ManiSkill's ``env_states``; None if SAPIEN replays.
     """
 
     env_id: str
@@ -184,8 +183,7 @@ class Film:
 
 
 def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
-    """Record an episode as a video of 640 x 480 pixels. The file is an mp4 with the codec H.264, which browsers can
-    play.
+    """Record an episode as an mp4 video of 640 x 480 pixels with H.264, which browsers can play.
 
     SAPIEN's renderer needs 2.2 GB of memory and 10 s for its first frame, so call this function in a worker process.
 
@@ -193,8 +191,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
         video: file to write, atomically.
         still: image file to write in addition to the video; None: no image. The image shows the moment when a keypoint
             of an object is farthest from its initial position. The suffix selects the format.
-        stride: number of control steps between two frames of the video; None: 1 for short episodes, 2 for long
-            episodes.
+        stride: control steps between two frames; None: 1 for short episodes, 2 for long ones.
         speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
     """
     shown = _Shown()
@@ -301,9 +298,8 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
         path: file to write.
         frames: at least one image (H, W, 3); all images have the same size.
         frames_per_second: frame rate of the video.
-        exact: whether to store a video for programs instead of browsers. If so, the video keeps the frame size (see
-            :func:`pixel_format`), and every second frame is a key frame, so that single frames can be read quickly. By
-            default, both sides are scaled to multiples of 16, because all browsers can play videos of such a size.
+        exact: whether to store a video for programs: it keeps the frame size (see :func:`pixel_format`) and has a key
+            frame every second frame. By default sides are scaled to multiples of 16, which all browsers can play.
 
     Raises:
         OSError: the encoder ended early, for example because the disk was full.

@@ -34,13 +34,11 @@ MOVES = 0.005
 
 @dataclass(frozen=True)
 class KeypointFacts:
-    """Geometry at a keypoint. The values are means over several instances (objects of one class) in their poses before
-    randomization.
+    """Geometry at a keypoint: means over instances of a class in their poses before randomization.
 
     Attributes:
         position: (3,) position in the world, m.
-        opening: (3,) unit direction in the world in which the keypoint moves as the joint opens; None if the joint does
-            not move the keypoint.
+        opening: (3,) unit direction in the world of the keypoint as the joint opens; None if it stays.
         part: (3,) size of the convex part that is nearest to the keypoint, along the axes of the world, m.
     """
 
@@ -58,19 +56,16 @@ class Affordance:
         kind: ``"articulated"`` or ``"rigid"``.
         noun: everyday name of an object of the class.
         description: phrase that describes the class.
-        size: (3,) depth, width and height in metres, in the resting pose with the joint at zero. The depth is measured
-            away from the robot.
+        size: (3,) depth (away from the robot), width and height at rest, joint at zero, m.
         mass: mass, kg.
         keypoints: description of each keypoint, by name. A keypoint is included if every sampled instance has it. The
             last keypoint is the measured keypoint: distance criteria measure the distance to this point.
         lever_arms: distance in metres from the joint axis to each keypoint on the moving link, by keypoint name. The
             distances are zero for a prismatic joint. The mapping is empty for a rigid object.
-        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If the instances have different joint
-            types, this is the more frequent type, and all values about the joint are means over the instances of this
-            type.
+        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If instances differ, the more frequent
+            type, over whose instances all joint values are means.
         joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.
-        joint_axis: ``"vertical"`` or ``"level"`` (horizontal). For a hinge, this is the direction of its axis; for a
-            prismatic joint, it is the direction of motion.
+        joint_axis: ``"vertical"`` or ``"level"``: direction of a hinge's axis or of a prismatic motion.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
         picture: picture of one instance with labelled keypoints, or None.

@@ -26,10 +26,8 @@ class RobotSummary:
 
     Attributes:
         robot: name of the robot.
-        base: x and y of the robot's base in the world, m. The table's top is at z = 0, and x points away from the
-            robot.
-        reach: maximum horizontal distance from the base, m. Within this distance, the hand can touch the table while it
-            points down.
+        base: x and y of the robot's base in the world, m; the table's top is z = 0, x points away from the robot.
+        reach: maximum horizontal distance from the base, m, at which a hand pointing down touches the table.
         stroke: maximum distance between the finger pads, m.
         tool_keypoints: description of each keypoint of the hand, by name.
     """
@@ -48,8 +46,7 @@ class Known:
     Attributes:
         task: definition of the task.
         strategies: strategies of the task's steps, by name.
-        held, episodes: numbers of successful episodes and of all episodes in the latest verification of the task. Both
-            numbers are zero if the task was never verified.
+        held, episodes: successful and all episodes in the latest verification; zero without one.
     """
 
     task: TaskSpec
@@ -65,12 +62,9 @@ class Brief:
     Attributes:
         settings: summary of the robot.
         classes: affordance (summary) of each articulated or rigid object class, by class name.
-        known: existing tasks. A proposal must not repeat one of them, and long tasks may be built from them. The run
-            appends each kept task, so that later proposals can build on earlier tasks.
-        familiar: tasks that count as already solved. A proposal may repeat such a task but does not count towards the
-            number of requested tasks.
-        refused: reasons why proposed tasks were refused because of their success criteria, by task name. The run adds a
-            reason after each refusal.
+        known: existing tasks, which proposals must not repeat and long tasks may use; the run appends kept tasks.
+        familiar: tasks that count as solved: they may be repeated, but do not count as requested tasks.
+        refused: reasons by task name why criteria of proposed tasks were refused; the run adds to them.
     """
 
     settings: RobotSummary
@@ -122,14 +116,12 @@ class StageResult:
 
     Attributes:
         name: name of the stage.
-        trials: number of trials. A trial plans one scene (stage ``"plan"``) or simulates one episode (stage
-            ``"physics"``).
+        trials: number of trials: planned scenes (stage ``"plan"``) or simulated episodes (``"physics"``).
         score: fraction of trials in which the plan is complete or the episode succeeds.
         causes: number of failures by cause.
         strict: fraction of episodes that also pass the strict verdict; 0 without episodes.
         diagnoses: descriptions of failures with measured values, the most frequent first.
-        by_object: number of successful episodes and number of all episodes, for each instance of the task's first
-            object. The keys are the ids of the instances.
+        by_object: successful and all episodes by instance id of the task's first object.
     """
 
     name: Literal["plan", "physics"]
@@ -205,9 +197,8 @@ class Designer(Protocol):
     Attributes:
         name: name of the designer in run.json and in the provenance of its tasks.
         notes: remarks for the report. The run reads the remarks at its end.
-        patience: number of refinements after which the search may give up a task. The search gives up only if nearly
-            all episodes of all candidates still fail. A designer that learns from descriptions of failures needs more
-            than one refinement.
+        patience: number of refinements after which a search may give up a task of which nearly all episodes still fail.
+            Designers that learn from failures need more than one.
     """
 
     @property
@@ -226,8 +217,7 @@ class Designer(Protocol):
     def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
         """Yield new tasks, the most useful first; no task repeats a known task.
 
-        Each task states its origin in its provenance. Each step names at least one placeholder strategy, which a
-        candidate's strategies replace.
+        Each task states its origin in its provenance; its steps name placeholders for a candidate's strategies.
         """
         ...
 

@@ -38,9 +38,8 @@ def check_criteria(
     files: TaskFolder | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> CheckerResult:
-    """Count how often the success criteria of a task are wrongly true. The criteria are checked in mutated worlds:
-    scenes that were changed on purpose so that the task is not done (docs/reference/tasks.md). In such a scene, the
-    criteria must be false.
+    """Count how often a task's success criteria are wrongly true in mutated worlds: scenes changed on purpose so that
+    the task is not done (docs/reference/tasks.md).
 
     Args:
         task: task to check; its strategies are not used.

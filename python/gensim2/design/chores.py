@@ -1,8 +1,7 @@
 """Draft tasks of several steps that move joints.
 
-There are three types of tasks. A task of the first type moves two joints for one purpose, such as tidying a desk. A
-task of the second type moves a joint and a rigid object for one purpose. A task of the third type moves one joint to an
-end of its range and back.
+Three types: two joints for one purpose, such as tidying a desk; a joint and a rigid object for one purpose; and one
+joint to an end of its range and back.
 """
 
 from __future__ import annotations

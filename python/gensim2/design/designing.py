@@ -24,10 +24,8 @@ class Chosen:
     Args:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
-        left_out: words that complete the note about rejected proposals. For example, ``"are not wanted"`` gives the
-            note "3 proposals are not wanted".
-        wish: name of the filter, which the run folder records. When the run is resumed, its filter must have the same
-            name. None: the filter has no name.
+        left_out: end of the note on rejected proposals, such as ``"are not wanted"``.
+        wish: name of the filter in the run folder, which must stay when the run is resumed; None: no name.
     """
 
     def __init__(
@@ -112,12 +110,10 @@ def model_designer(
         asking: mode, targets and number of trials.
         scene: scene options of the run, for the pictures shown to the model.
         prompts: folder of the user's own prompts.
-        replay: run folder whose recorded answers are used instead of a model. The settings of the recorded run then
-            replace ``model`` and ``asking``.
+        replay: run folder with recorded answers; its settings replace ``model`` and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
         review: function that returns whether to accept a proposal; None accepts all proposals.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions`. A value replaces the value in ``config``, unless
-            it is None.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions` that replace values in ``config``, unless None.
 
     Raises:
         InputError: an argument cannot be used.

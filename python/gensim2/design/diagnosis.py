@@ -58,8 +58,7 @@ def diagnoses(
     Args:
         failures: cause and measured values of each failed trial. The values of a simulated episode are its
             ``diagnosis``. The values of a plan are its ``detail``, its ``step`` and its ``strategy``.
-        described: function that returns the description of a strategy for its name. An empty description is omitted.
-            Default: the name.
+        described: function from a strategy's name to its description; empty ones are omitted. Default: the name.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}

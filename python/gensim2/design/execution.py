@@ -213,13 +213,11 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runner for the trials of a search. It plans or simulates the trials and stores their results, so that a resumed
-    search can read the results instead of running the trials again.
+    """Runner for a search's trials. It plans or simulates them and stores results, which a resumed search reads.
 
     Args:
         runner: runner that plans scenes and simulates episodes.
-        folder: folder of the results. Each method call stores its results in one file. A resumed search reads this file
-            only if it makes the method call with the same arguments.
+        folder: folder with a file of results for each method call, read again only for the same arguments.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -257,8 +255,7 @@ class PipelineRun:
         seed: seed of all random choices.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as already solved. The designer may propose such a task again and use it in longer
-            tasks, but the task does not count towards the requested number.
+        familiar: tasks that count as solved: they may be proposed and used in longer tasks, but do not count.
         budget: maximum numbers of candidates and episodes in each search; None selects the default for the task.
         progress: progress listener.
     """
@@ -473,8 +470,7 @@ class PipelineRun:
     def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
         """Return how often the success criteria of a task are wrongly true, in scenes in which the task is not done.
 
-        This check needs no strategies, so it runs before the search. The result is stored in the task's folder, and
-        later calls read the stored result instead of repeating the check.
+        The check needs no strategies and runs before the search; its stored result is read by later calls.
         """
         instances = kept_apart(self.library, task).search
         return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)
@@ -551,8 +547,7 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """Plan a task in the scene of one seed, and draw the plan of one step: the first step without a complete motion, or
-    the last step if all steps have complete motions. Worker processes call this function.
+    """In a worker, plan a task in one seed's scene and draw the first step without a complete motion, or the last.
 
     Returns:
         Whether a picture was drawn.

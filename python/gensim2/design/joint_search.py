@@ -2,8 +2,7 @@
 
 Each strategy follows from an alignment: a contact point on the object, an approach direction and a motion of the hand.
 
-The alignments depend on the joint's type, the keypoints on the moving link, the distance of the keypoints from the
-axis, and the goal. The object's class has no influence.
+They depend on joint type, moving keypoints, their distance from the axis, and the goal, not on the class.
 """
 
 from __future__ import annotations
@@ -91,8 +90,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
         opening: whether the joint is opened.
         goal: openness at which the motions end.
         count: maximum number of alignments.
-        seed, what: seed of the random selection, and a name that makes the selection independent of other selections
-            with the same seed.
+        seed, what: seed of the random selection, and a name that makes it independent of others.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:
@@ -102,8 +100,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
 
 def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
-    """Return a copy of ``parent`` with random changes of the contact offsets, the retreat, the tolerance, the motion
-    and the openness at the end.
+    """Return a copy of ``parent`` with random offsets, retreat, tolerance, motion and openness at the end.
 
     Args:
         parent: manipulation to vary.
@@ -174,8 +171,7 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield grasps with a fixed roll angle: the line between the fingertips is perpendicular to one axis of the joint
-    frame.
+    """Yield grasps with the line of the fingertips perpendicular to one axis of the joint frame.
 
     If the solver chose the roll angle freely, the fingers would often miss a thin part.
     """

@@ -1,8 +1,7 @@
 """Describe a contact and a motion that move an object's joint, and convert the description to a solver config.
 
-The description uses the joint frame, whose origin is the contact keypoint (docs/architecture.md). The y axis points in
-the direction in which the keypoint moves as the joint opens, the z axis is the joint axis, and the x axis points away
-from the hinge. Therefore the same description can fit a lid, a door and a drawer.
+The joint frame's origin is the contact keypoint (docs/architecture.md): y is its direction as the joint opens, z the
+joint axis, x points away from the hinge. So one description can fit a lid, a door and a drawer.
 """
 
 from __future__ import annotations
@@ -37,17 +36,13 @@ class Manipulation:
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"``: the closed fingertips push the part. ``"grasp"``: the fingers grasp the part. ``"open"``:
-            one finger of the open hand pushes the part.
+        gripper: ``"closed"``: fingertips push; ``"grasp"``: fingers grasp; ``"open"``: one finger pushes.
         approach: direction of the fingers.
-        roll: axis of the joint frame to which the line between the fingertips must be perpendicular; None: the hand may
-            take any roll angle.
+        roll: joint-frame axis perpendicular to the line of the fingertips; None: any roll angle.
         behind: offset in metres from the keypoint to the contact, against the direction of the motion.
         inset: offset in metres from the keypoint to the contact, towards the hinge (along -x of the joint frame).
-        retreat: length in metres of the straight approach. The hand starts this far from the contact and moves along
-            the direction of the fingers.
-        motion: name of the motion after the actuation pose. In all motions the hand follows the joint; some motions
-            also rotate the hand with the joint.
+        retreat: length (m) of the straight approach to the contact along the fingers.
+        motion: motion after the actuation pose; the hand follows the joint and may rotate with it.
         goal_openness: openness at which the motion ends; it may lie beyond the joint's range.
         tolerance: angular tolerance of the approach direction, rad.
         opening: whether the motion opens the joint.

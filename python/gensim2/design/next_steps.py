@@ -104,8 +104,7 @@ def _of_causes(causes: Counter[str]) -> Iterable[str]:
 def _causes(files: TaskFolder) -> Counter[str]:
     """Count the failures of a task by cause.
 
-    The failures are the failed episodes of the verification. If the task was not verified, they are the failed
-    simulated episodes of the search. If the search simulated no episode, they are its failed plans.
+    Failures are those of the verification, else of simulated episodes of the search, else of its plans.
     """
     from gensim2.rollout.diagnose import PLAN_CAUSES  # import late, because this module loads SciPy
 

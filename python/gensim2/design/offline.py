@@ -1,9 +1,8 @@
 """Design tasks and strategies without a language model.
 
-The designer derives single-step tasks from the joints and sizes of objects. It combines single-step tasks into long
-tasks, so that each step establishes the preconditions of later steps. To find strategies for a step, it first applies
-rules, and then searches over alignments, keypoints and motions of the hand. Simulation decides which strategies are
-kept.
+The designer derives single-step tasks from joints and sizes, and combines them so that steps establish the
+preconditions of later ones. Strategies come from rules, then from a search over alignments, keypoints and motions;
+simulation decides.
 """
 
 from __future__ import annotations
@@ -50,11 +49,9 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield new long tasks that are composed of known tasks. The generator alternates between the kinds of long tasks,
-    and every task has a new name.
+    """Yield new long tasks composed of known tasks, in turns among their kinds, each with a new name.
 
-    The known tasks include those that the run has kept since the previous proposal. The generator yields None if no new
-    task can be composed of the tasks known so far.
+    Known tasks include those kept since the last proposal; None: none can be composed of them so far.
     """
     proposed: set[str] = set()
     while True:
@@ -217,8 +214,7 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
     """Return groups of candidates whose strategies will be combined into one candidate.
 
-    The first group contains the two best candidates, and the second group the three best. Only candidates that
-    succeeded at least once and have a single strategy are eligible.
+    Groups of the best two and three candidates that succeeded at least once with a single strategy.
     """
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
@@ -239,8 +235,7 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
     """Return a candidate with all strategies of each step, and variants in which the planner prefers other strategies.
 
-    The planner tries the strategies of a step in order. Each variant moves the first strategy to the end, either in one
-    step or in all steps.
+    Each variant moves the first strategy, which is tried first, to the end, in one step or in all.
     """
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]

@@ -69,13 +69,11 @@ def design_task(
     Args:
         folder: folder with ``task.yaml``; strategies in it are ignored.
         out: run folder. None: ``design`` in ``folder``; kept strategies are then also written to ``folder``.
-        verify: number of new episodes that verify the task. 80 % of them must succeed (60 % for a task with several
-            steps).
+        verify: number of new verification episodes; 80 % must succeed (60 % with several steps).
         seed: seed of all random choices.
         resume: continue the run in the run folder.
         videos: number of episodes to film; failed episodes are filmed if the task is not kept.
-        engines: ``"both"`` repeats the verification in the other physics engine and keeps the strategies only if enough
-            episodes succeed in both engines.
+        engines: ``"both"`` also verifies in the other engine; enough episodes must succeed in both.
         budget: limits of the search; None: the default budget.
         progress: listener for stages and steps.
         scene: see :class:`~gensim2.rollout.config.RunArguments`.

@@ -11,11 +11,9 @@ class LazyPicture:
     """A PNG image that is rendered on first use.
 
     Attributes:
-        of: text that identifies the picture. Two pictures with the same text show the same content. A replay of
-            recorded answers compares these texts instead of the images, so the replay also works on a machine that
-            cannot render.
-        make: function that renders the picture; the first call takes seconds. Raises GenSim2Error if this machine
-            cannot render.
+        of: text that identifies the content. A replay of recorded answers compares these texts instead of images, so it
+            needs no renderer.
+        make: function that renders the picture, the first time in seconds; GenSim2Error if that is impossible.
     """
 
     of: str

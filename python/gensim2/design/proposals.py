@@ -86,9 +86,8 @@ def criterion_of(role: str, goal: Goal) -> Criterion:
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
     """Return the random ranges of the initial state, in which ``goal`` is never met at the start.
 
-    If the goal is unmet in the whole default range of openness of the class, the joint starts in this range. Otherwise
-    a joint that must be opened starts closed, and a joint that must be closed starts open. For a half-way goal, the
-    joint always starts closed or open.
+    The joint starts in the class's default range of openness if the goal is unmet there, else at the end opposite to
+    the goal; for a half-way goal it starts closed or open.
     """
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
@@ -195,8 +194,7 @@ def propose(
 def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
     """Return the task without its solution, so that a designer can solve it again.
 
-    Each step keeps the name of one strategy; the designer will write a new strategy with this name. The task's
-    provenance keeps only the field ``origin``.
+    Each step keeps one strategy name, for a new strategy; the provenance keeps only ``origin``.
 
     Args:
         task: the task.

@@ -53,8 +53,7 @@ def add_task(
         folder: folder that holds task.yaml and strategies/.
         episodes: number of verification episodes, at least ``LEAST_EPISODES``.
         seed: seed of the scenes.
-        engines: ``"both"`` repeats the verification in the other physics engine and adds the task only if enough
-            episodes succeed in both engines.
+        engines: ``"both"`` also verifies in the other engine and adds a task only if it passes in both.
         memory: task library; default: the user's library.
         progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -62,8 +61,7 @@ def add_task(
     Raises:
         InputError: the folder or an argument cannot be used, or no task library exists.
         KnownTaskError: the library already contains the task. This error is raised before any episode runs.
-        UnverifiedTaskError: the success criteria are also met in scenes in which the task is not done, or too few
-            episodes succeeded. The message gives the numbers and the causes.
+        UnverifiedTaskError: criteria hold in undone scenes, or too few episodes succeeded, with numbers and causes.
         NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)

@@ -198,8 +198,7 @@ def _second(verification: Verification) -> dict[str, Any] | None:
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
     """Return the statistics of episodes that the page shows.
 
-    The statistics are success rates with confidence intervals, causes of failure, results for each object, and results
-    for each step.
+    Success rates with confidence intervals, causes of failure, and results by object and by step.
     """
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []

@@ -12,8 +12,7 @@
    the variants in the same way. The search repeats this refinement until a candidate succeeds often enough, all success
    rates stay too low, the designer has no more variants, or the budget is spent.
 
-Candidates are ranked by success rate. If the rates of the leading candidates do not differ significantly, the `strict`
-success rate decides. A strict success also requires that the hand has retreated at the end.
+Candidates rank by success rate; if leaders do not differ significantly, `strict` decides, with the hand's retreat.
 """
 
 from __future__ import annotations
@@ -63,19 +62,14 @@ class Budget:
 
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
-        rounds: size of each simulation round before the first refinement, as (number of candidates, number of episodes
-            for each candidate).
+        rounds: size of each round before refinements: (number of candidates, episodes of each).
         refined: size of the simulation round after each refinement, as in ``rounds``.
         comparison: size of each round in which the leading candidates are compared, as in ``rounds``.
-        max_episodes: maximum number of episodes for a candidate. Leading candidates whose success rates do not differ
-            significantly after this number of episodes count as equal.
-        enough, enough_strict: the search ends when a candidate reaches this success rate and this strict success rate
-            in at least ``enough_episodes`` episodes. If only the strict rate is too low, the search makes at most one
-            refinement.
-        enough_episodes: minimum number of episodes of a candidate that ends the search or is chosen as the best
-            candidate.
-        hopeless: if no candidate exceeds this success rate, the search makes no more refinements than the designer's
-            ``patience``.
+        max_episodes: maximum episodes of a candidate; leaders without a significant difference then count as equal.
+        enough, enough_strict: success rates, at least ``enough_episodes`` episodes, at which the search ends. If only
+            the strict rate is too low, there is at most one refinement.
+        enough_episodes: minimum episodes of a candidate that ends the search or is chosen.
+        hopeless: rate up to which refinements end after the designer's ``patience``.
         max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 
@@ -221,8 +215,7 @@ class Search:
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
         """Sort candidates by plan score, and shuffle candidates with equal scores.
 
-        Similar candidates are next to each other in the original order. Without the shuffle, one group of similar
-        candidates could take all places in the next round.
+        Neighbours are similar; without the shuffle one group could take all places in the next round.
         """
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
@@ -247,11 +240,9 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Simulate more episodes until one candidate leads, or until all leading candidates have their maximum number
-        of episodes.
+        """Simulate until one candidate leads, or all leaders have their maximum number of episodes.
 
-        If the best candidate is good enough to end the search, only this candidate is simulated. Otherwise the
-        candidates whose success rates do not differ significantly from the best rate are simulated.
+        A good enough best candidate is simulated alone, otherwise all that do not differ significantly from it.
         """
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}

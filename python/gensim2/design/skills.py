@@ -1,9 +1,7 @@
 """Provide the offline designer's strategies, which move joints, grasp objects and place objects of any class.
 
-Many strategies come from the task library (``gensim2/tasks/library/strategies``). These strategies are defined in the
-frame of the joint, so they fit any class. Strategies that place an object are computed from the sizes of the objects. A
-step gets several strategies in order of preference. The planner uses the first strategy for which it finds a plan in
-the scene.
+Many strategies are the library's (``gensim2/tasks/library/strategies``), defined in the joint frame, so they fit any
+class; those that place objects are computed from sizes. The planner uses a step's first strategy with a plan.
 """
 
 from __future__ import annotations

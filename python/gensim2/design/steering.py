@@ -3,10 +3,9 @@
 An alignment works if it meets three conditions: the arm reaches the actuation pose (``reach``), the arm can follow the
 joint from there (``follow``), and the motion moves the part (``effect``).
 
-After a failure, the diagnosis shows which condition failed and which parts of the alignment caused the failure. For
-example, if the arm cannot reach the pose, the approach direction and the keypoint caused the failure. Other alignments
-with a similar direction and keypoint are then sampled less often. If a finger also hit the object, the offset of the
-contact is a third cause. Then only alignments that also have a similar offset are sampled less often.
+A diagnosis shows which condition failed and which parts of the alignment caused it: if the pose is out of reach, its
+direction and keypoint. Alignments similar in all these parts are sampled less often; a further cause, such as a contact
+offset with which a finger hit the object, narrows their number.
 
 The probability that an alignment meets a condition is estimated from the trials of alignments that are similar in these
 parts. Alignments that are likely to meet all three conditions are sampled more often.
@@ -84,8 +83,7 @@ class Evidence:
 
     Attributes:
         question: the condition that the trials test: ``reach``, ``follow`` or ``effect``.
-        parts: parts of the alignment, such as the keypoint or the direction, that decide the result. The result also
-            counts for other alignments that are similar in these parts.
+        parts: decisive parts of the alignment, such as the keypoint; the result counts for all similar in them.
         yes: fraction of trials that met the condition.
         trials: number of trials.
     """
@@ -168,8 +166,7 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
     """Return the parts of an alignment that caused a collision in ``plan``.
 
-    A collision with the object is caused by the offset of the contact. A collision with the table is not attributed to
-    any part. If ``plan`` lists no collision, the result is empty.
+    A collision with the object is due to the contact offset; one with the table to no part; empty without one.
     """
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
@@ -178,8 +175,7 @@ def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
     """Yield, for each condition, evidence from the trials that met the condition.
 
-    Every trial tests the conditions in the order ``reach``, ``follow``, ``effect``. A trial that failed one condition
-    has therefore met all earlier conditions.
+    Conditions are tested in the order ``reach``, ``follow``, ``effect``; those before the failure are met.
 
     Args:
         stage: results of the trials.

@@ -13,16 +13,13 @@ from gensim2.tasks.spec import TaskSpec
 
 @dataclass(frozen=True)
 class Apart:
-    """Division of the instances of a task's articulated objects into instances that the search for strategies uses and
-    instances that test the result of the search.
+    """Division of a task's articulated instances into those for the search and those for its test.
 
     Attributes:
         library: object library.
-        classes: class of each articulated object, by the object's name in the task. Rigid classes have a single
-            instance each and are left out.
-        kind: set of the instances that test the result. The set ``"new"`` contains new objects of generated classes,
-            and ``"test"`` is the test split of classes of real objects. The set ``"all"`` contains all instances; it is
-            used if a class has too few instances for a test split.
+        classes: articulated classes by the object's name; rigid classes have a single instance each.
+        kind: instances of the test: ``"new"`` generated objects, ``"test"``, the test split of real classes, or
+            ``"all"`` if a class has too few instances for one.
         search: instances that the search uses, as a value of ``--instances``.
     """
 
@@ -34,8 +31,7 @@ class Apart:
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
         """Return, for each verification episode, the instances from which the episode takes its objects.
 
-        If ``kind`` is ``"new"``, the entry of an episode contains the id of a new object for each articulated object of
-        the task. Otherwise the entry is the name of the set, ``kind``.
+        For ``"new"`` an entry has a new id for each articulated object; otherwise it is ``kind``.
         """
         if self.kind != "new":
             return [self.kind] * episodes

@@ -1,7 +1,6 @@
 """Render pictures for a language model: an object with its keypoints, or the arm at an actuation pose.
 
-Rendering runs in a separate process, because a crash of the driver must not end the run. The process starts when a
-picture is first needed, because the first picture takes half a minute on a software driver.
+A separate process renders, from the first picture on (half a minute in software), because drivers may crash.
 """
 
 from __future__ import annotations

@@ -123,12 +123,10 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Compare the success of each task in two engines on the same scenes. An episode succeeds if its verdict ``held``
-    is true.
+    """Compare each task's verdicts ``held`` in two engines on the same scenes.
 
-    Each dictionary describes one task. ``held`` contains the number of successful episodes in each engine, and
-    ``p_value`` is the p-value of Fisher's exact test of equal success rates. ``lost`` lists the seeds of episodes that
-    succeed only in the first engine. ``won`` lists the seeds of episodes that succeed only in the second engine.
+    Each dictionary describes one task: successful episodes ``held`` by engine, ``p_value`` of Fisher's exact test, and
+    the seeds that succeed only in the first engine (``lost``) or the second (``won``).
     """
     from scipy.stats import fisher_exact  # imported late because it takes long to import
 
@@ -150,13 +148,11 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return the mean success rate for each verdict, with its standard deviation between runs and its 95 % confidence
-    interval.
+    """Return each verdict's mean rate, standard deviation between runs and 95 % confidence interval.
 
     A verdict is a definition of success, such as ``held``.
 
-    The interval is computed from the pooled episodes of all tasks. Pooling ignores that the tasks differ in difficulty,
-    so the interval is wider than necessary.
+    The interval pools the episodes of all tasks, whatever their difficulty, so it is wider than necessary.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

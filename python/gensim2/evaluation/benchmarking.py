@@ -67,12 +67,10 @@ def benchmark(
         runs: number of runs, from which the standard deviation is computed.
         episodes: number of episodes of each task in each run.
         seed: seed of the scenes. No search for strategies uses these scenes.
-        attempts: maximum number of attempts in an episode; every attempt begins in the same scene, and the episode ends
-            after the first successful attempt.
+        attempts: maximum attempts from the same start; the episode ends after the first success.
         one_plan: use the method of the GenSim2 paper, but with the solver of gensim2. Each step is then planned only
             once, before the step is executed, and only with the first strategy of the step.
-        disturbance: ``"push"`` or ``"drop"``: disturb each episode once, at a moment that depends on the seed. Tasks
-            that grasp no rigid object are skipped.
+        disturbance: ``"push"`` or ``"drop"`` once per episode, at a seeded moment; tasks without a grasp are skipped.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -188,9 +186,8 @@ def benchmark_both(
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    If the run exists already and none of its tasks grasps a rigid object, return all tasks. Such a run was started
-    without a disturbance, so a later comparison with the record of the run reports that the argument ``disturbance``
-    has changed.
+    An existing run without a task that grasps was started without a disturbance: return all its tasks, so that the
+    comparison with its record reports the changed argument.
 
     Raises:
         InputError: no task of a new run grasps a rigid object.
@@ -204,12 +201,10 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 
 def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
-    """Select the tasks for which the planner can get a description of the scene, either from the simulator or from an
-    estimator.
+    """Select the tasks whose scene the planner can get from the simulator or an estimator.
 
     Returns:
-        The selected tasks, the digests of their estimators, and for each other task the reason why it was not selected.
-        A resumed run compares the digests with the digests of its first call.
+        The selected tasks, their estimators' digests (for resuming), and the reason for each other task.
 
     Raises:
         InputError: no task remains.

@@ -75,23 +75,18 @@ def evaluate(
         ```
 
     Args:
-        controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
-            (docs/guides/controllers.md).
+        controller: ``module:Class``, ``FILE.py:Class``, or an importable class (docs/guides/controllers.md).
         tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, as JSON data.
-        data: rendered data set that the controller was trained on; the controller must have the observation spec of
-            this data set.
-        stop: what ends an episode. With ``"goal"``, an episode ends when the controller returns None, at the step
-            limit, or when the goal is reached. The goal is reached if it has been met for half a second and is still
-            met after the scene has settled. With ``"controller"``, only the controller can end an episode, by returning
-            None; if it does not do so before the step limit, the episode fails.
+        data: rendered training data of the controller, with the same observation spec.
+        stop: what ends an episode. ``"goal"``: the controller (None), the step limit, or a goal that has been met for
+            half a second and is still met after the scene has settled. ``"controller"``: only the controller; at the
+            step limit the episode fails.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
-        videos: number of episodes of each task that are recorded as videos. The videos are rendered by ray casting and
-            show the controller's point cloud next to the image.
+        videos: number of ray-cast videos of each task, which also show the controller's point cloud.
 
     Returns:
-        A table with one row per task (the success rate by each of the three verdicts with its 95 % interval), and the
-        videos.
+        A table with a row per task (rates by three verdicts with 95 % intervals), and the videos.
 
     Raises:
         ControllerError: the controller cannot be created, raises an exception, or returns an invalid action.

@@ -32,8 +32,7 @@ class Table:
         versions: versions of the packages that affect results.
         rows: one row per task.
         skipped: name of each task that was not run, with the reason.
-        speeds: number of episodes that this call ran per second of wall time, for each task. The value is None if an
-            earlier call had already finished all episodes of the task.
+        speeds: episodes of this call per second of wall time, by task; None if none was left.
         cpu_s: CPU time in seconds that all worker processes of this call used, without the start of the processes.
     """
 
@@ -180,8 +179,7 @@ def run_episodes(
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     """Write the result of a table into its run folder, and finish the run.
 
-    Two fields are not written: ``provenance``, so that the folder does not depend on date and command, and the
-    ``records`` of episodes, which are already in the folders of the tasks.
+    Left out: ``provenance``, so that date and command do not matter, and ``records``, stored with the tasks.
 
     Args:
         folder: run folder.

@@ -156,8 +156,7 @@ class _Maker:
         """Return the path of a picture. If the picture is missing, draw it and remove its outdated versions.
 
         Args:
-            content: name of the folder with the prepared object. The name contains digests of the object's files and of
-                the code that prepared the object, so it changes whenever the appearance of the object can change.
+            content: folder of the prepared object, named by digests of its files and of the preparing code.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -222,8 +221,7 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Read a file of findings. Return the name of the library, and the findings of each object by its class and id. The
-    name is None if the file does not state it.
+    """Read findings: the library's name, None if not stated, and findings by class and id.
 
     Raises:
         InputError: the file is not from ``gensim2 assets validate --json``.

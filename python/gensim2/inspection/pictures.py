@@ -83,8 +83,7 @@ def drawn(
 
 
 def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> Image.Image:
-    """Return views of an object from all around on one sheet, with a column for each azimuth. An articulated object has
-    a row for each openness (0, 0.5 and 1), and a rigid object has one row.
+    """Return views all around an object: a column per azimuth, and a row per openness (0, 0.5, 1) or one if rigid.
 
     Example:
         ```python
@@ -97,8 +96,7 @@ def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> 
 
 
 def strip(model: ArticulatedObject | RigidObject, size: int) -> Image.Image:
-    """Return views with labelled keypoints: an articulated object at openness 0, 0.5 and 1, or a rigid object from
-    three sides.
+    """Return views with labelled keypoints: openness 0, 0.5 and 1, or three sides of a rigid object.
 
     Example:
         ```python

@@ -37,11 +37,9 @@ BUDGET: kpam.Options = {
 def reach_findings(instance: ArticulatedObject, profile: RobotProfile) -> list[Finding]:
     """Check whether the robot's fingertips can reach an object's head keypoint, at several values of openness.
 
-    The hand must stay above the table. Each openness at which the fingertips cannot reach the keypoint gives one
-    finding. The finding states the remaining distance in mm, or that the hand would hit the table.
+    The hand must stay above the table. Each openness without reach is a finding: the distance left in mm, or the table.
 
-    The head keypoint is ``articulated_object_head``. If the object lacks this keypoint, its first keypoint is used
-    instead.
+    The head keypoint is ``articulated_object_head``, or else the first keypoint.
 
     Raises:
         MissingExtraError: the robot's files are in a package that is not installed.
@@ -171,8 +169,7 @@ def validate(
     Args:
         items: (class, id) of each object to check.
         physics: whether to simulate; otherwise only the geometry is checked.
-        workers: number of worker processes; 0 checks the objects in this process. If a worker process crashes, the
-            report on the object contains a finding about the crash.
+        workers: number of processes; 0: this process. A crashed worker becomes a finding.
 
     Raises:
         MissingExtraError: ``physics`` is set and SAPIEN is not installed.
@@ -206,8 +203,7 @@ def family(check: str) -> str:
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Check an object in simulation: its convex hulls, its drift at rest, and the motion of its joint over the whole
-    range.
+    """Check an object in simulation: its hulls, drift at rest, and its joint's motion over the whole range.
 
     The joint is driven by 1.5 times the force or torque that is needed to overcome gravity and the joint's friction.
 
@@ -303,8 +299,7 @@ class _Stage:
     def sweep(self, start: float, goal: float) -> float:
         """Push the joint from ``start`` towards ``goal``, and return the openness that the joint reached.
 
-        The force is 1.5 times the resistance by gravity and friction. When the joint has reached ``goal``, it is pushed
-        against its limit for a moment.
+        The force is 1.5 times the resistance; at ``goal`` the joint is briefly pushed against its limit.
         """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)

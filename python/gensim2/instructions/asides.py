@@ -1,8 +1,7 @@
 """Recognize the parts of a sentence that ask for nothing: statements, reasons, questions and polite words.
 
-The words of a statement need not be known. Its form shows that it is none of the robot's tasks: a subject with a finite
-verb ("there's a draught", "the cat keeps getting in"), or a word that begins a reason ("because", "so that"). A
-statement that demands something of an object ("the box should be painted") is not an aside.
+Words need not be known: the form shows that no task is meant: a subject with a finite verb ("there's a draught"), or a
+word that begins a reason ("because"). Demands ("the box should be painted") are no asides.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Parse a sentence into clauses: a verb with its modifiers, objects and prepositional phrases.
 
-Every word of an instruction must have a role. A word without a role makes the parser refuse the whole sentence.
-Statements, reasons and polite words beside an instruction (:mod:`~gensim2.instructions.asides`) only name objects to
-which a pronoun can refer.
+Every word of an instruction needs a role, or the parser refuses the sentence. Statements, reasons and polite words
+(:mod:`~gensim2.instructions.asides`) only name objects for pronouns.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Parse an instruction in plain English into steps, without a language model.
 
 The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the nouns of ``objects/words.toml``. It
-understands articles, adjectives, lists ("the apple and the lemon"), pronouns ("it", "there"), omitted verbs ("turn the
-faucet on and off again"), wishes ("the box must be closed"), and instructions beside reasons and statements ("shut the
-door, there's a draught"). It refuses every instruction with a word that it does not know or with a negation, and
-requests that no task of the library carries out. For the refused instructions, :func:`parse` asks a recognizer
-(:mod:`~gensim2.instructions.recognition`) if its packages are installed.
+understands articles, adjectives, lists, pronouns ("it", "there"), omitted verbs ("turn the faucet on and off again"),
+wishes ("the box must be closed"), and instructions beside reasons ("shut the door, there's a draught"). It refuses
+unknown words, negations and requests that no library task carries out, for which :func:`parse` asks an installed
+recognizer (:mod:`~gensim2.instructions.recognition`).
 """
 
 from __future__ import annotations
@@ -40,9 +39,8 @@ MAX_CHARACTERS = 1000
 def parse(sentence: str) -> tuple[Step, ...]:
     """Parse an instruction into steps.
 
-    If the grammar does not understand the instruction, and the extra ``sentences`` is installed, the request is
-    recognized with a sentence encoder (:mod:`~gensim2.instructions.recognition`). The encoder recognizes only requests
-    to move the joint of one object.
+    With the extra ``sentences``, an encoder (:mod:`~gensim2.instructions.recognition`) then recognizes requests to move
+    one object's joint that the grammar does not understand.
 
     Example:
         ```python
@@ -197,9 +195,7 @@ class _Reading:
         self._before = clause
 
     def _with_part(self, clause: Clause) -> Clause:
-        """Return a clause in which "it" stands for the part of an object that a statement is about, if the clause has a
-        meaning for this part: "the lid of the box is up, put it down".
-        """
+        """Return the clause with a stated part as "it", if that has a meaning: "the lid of the box is up, put it down"."""
         part, self._subject = self._subject, None
         if part is None or part.noun is None or part.part is None:
             return clause

@@ -1,8 +1,6 @@
-"""Find the joint goal that an action stands for: pressing a stapler closes its joint, pressing a toaster's lever opens
-one.
+"""Find an action's joint goal: pressing a stapler closes its joint, pressing a toaster's lever opens one.
 
-The meanings are read from the sentences of ``objects/words.toml`` with the parser of instructions, so a new class of
-objects needs no code.
+Meanings come from parsed sentences of ``objects/words.toml``, so a new class needs no code.
 """
 
 from __future__ import annotations

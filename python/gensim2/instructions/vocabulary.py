@@ -1,8 +1,7 @@
 """Define the words that the parser of instructions knows: verbs, nouns, modifiers and function words.
 
-Words and phrases come from ``vocabulary.toml``, nouns from ``objects/words.toml``. The meaning of a verb for an object
-comes from the latter: sentences such as "press the stapler" show for which end of a joint a verb stands
-(:mod:`~gensim2.instructions.meanings`).
+Words come from ``vocabulary.toml``, nouns from ``objects/words.toml``, whose sentences, such as "press the stapler",
+show for which end of a joint a verb stands (:mod:`~gensim2.instructions.meanings`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Provide models of articulated and rigid objects, generated or real.
 
-Names are imported on first use, so that working with one object does not load the packages that read and generate
-objects.
+Names are imported on first use: one object needs no package that reads or generates objects.
 """
 
 from __future__ import annotations

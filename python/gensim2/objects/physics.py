@@ -20,16 +20,13 @@ class ClassRule:
     """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: mass in kg for each cubic metre of collision hull. The value is low, because a collision hull is solid
-            while the real part is a thin shell.
+        density: kg per m³ of collision hull; low, because hulls are solid and real parts thin shells.
         default_openness: mean openness (0 to 1) of the joint when scenes are randomized.
-        stance: pose on the table: ``"upright"``, or ``"flat"`` for an object that lies on its back with its front
-            facing up.
-        turn: rule that selects the side of the object that faces the robot. With ``"front"`` this is the model's front,
-            or its back if the contact keypoint lies on the back. With ``"swing"`` it is the side towards which the
-            contact keypoint moves as the joint opens. The rule ``"bar"`` is for objects that are grasped by a bar along
-            the model's x axis, such as the handle of a bucket. It rotates the model by 90 degrees, so that the two
-            fingers of the resting hand are on opposite sides of the bar.
+        stance: pose on the table: ``"upright"``, or ``"flat"`` on the back with the front up.
+        turn: side that faces the robot. ``"front"``: the front, or the back if the contact keypoint is there.
+            ``"swing"``: the side to which the contact keypoint moves as the joint opens. ``"bar"``: for bars along the
+            model's x axis, such as a bucket's handle; turned by 90 degrees, so that the resting fingers are on its two
+            sides.
     """
 
     density: float
@@ -92,13 +89,10 @@ class Inertial:
 
 
 def hull_moments(points: Array) -> tuple[float, Array, Array]:
-    """Return the volume, the centroid (3,) and the second moments (3, 3) of the convex hull of points (N, 3). The
-    second moments are about the origin.
+    """Return volume, centroid (3,) and second moments (3, 3) about the origin of the hull of points (N, 3).
 
-    The hull is divided into tetrahedra that share a corner inside the hull, and the moments of all tetrahedra are
-    added. The second moments of the unit tetrahedron are known: 1/60 on the diagonal and 1/120 elsewhere. Each
-    tetrahedron is the image of the unit tetrahedron under the matrix of its three edge vectors, which also transforms
-    the second moments.
+    The moments of tetrahedra with a common inner corner are added. Each is an image of the unit tetrahedron, with
+    second moments 1/60 on the diagonal and 1/120 elsewhere, under the matrix of its three edges.
     """
     hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)
@@ -128,17 +122,14 @@ def inertial(hulls: Sequence[Array], density: float) -> Inertial:
 def joint_resistance(
     joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
 ) -> tuple[float, float]:
-    """Return the friction and damping of a joint. The friction holds the joint against gravity, but lets a push move
-    the joint. The damping slows the motion.
+    """Return a joint's friction, which holds it against gravity but lets a push move it, and damping.
 
-    The friction is 1.3 times the largest gravity load over the joint's range, plus a small amount. This amount keeps a
-    joint in place even if gravity does not load the joint. The damping is a small constant plus a multiple of the
-    friction: 0.1 times the friction for a revolute joint, and 0.5 times the friction for a prismatic joint.
+    Friction is 1.3 times the largest gravity load over the range plus a small amount, which holds unloaded joints.
+    Damping is a small constant plus 0.1 (revolute) or 0.5 (prismatic) times the friction.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.
-        axis, origin: direction (3,) and a point (3,), m, of the joint axis in the moving link's frame at joint value
-            zero.
+        axis, origin: direction and a point (3,), m, of the axis in the moving link's frame at joint value zero.
         moving: inertial of the moving link, in the same frame.
         lower, upper: joint limits, rad or m.
         gravity: (3,) gravity in the same frame, m/s².

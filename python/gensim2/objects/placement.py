@@ -17,22 +17,17 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Region in front of a robot in which objects are placed. All values are in metres. All distances are horizontal,
-    except ``hand_low_point``.
+    """Region for objects before a robot, m; distances are horizontal but ``hand_low_point``.
 
     Attributes:
         base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
-        comfortable: desired distance from the reference point to the contact keypoint (the point at which the hand acts
-            on the object), averaged over the joint's range.
-        farthest: maximum distance from the reference point to the contact keypoint over the joint's range. An object is
-            moved closer to the hand than ``hand_clearance`` if this limit requires it.
+        comfortable: desired mean distance from the reference point to the contact keypoint over the joint's range.
+        farthest: maximum distance of the contact keypoint over the range; it may override ``hand_clearance``.
         sideways: maximum lateral offset of the contact keypoint.
         nearest_x: minimum world x of a low object.
         hand_at_rest: world x and y of the hand at the start of an episode.
-        hand_low_point: height above the table of the lowest point of the resting hand. Objects lower than this fit
-            under the hand.
-        hand_clearance: distance that tall objects keep from the resting hand. It is the thickness of the hand plus a
-            reserve for the random displacement of the object.
+        hand_low_point: height above the table of the resting hand's lowest point; lower objects fit below it.
+        hand_clearance: distance of tall objects from the resting hand: its thickness plus random displacements.
         hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``. It is
             half the width of the hand plus a reserve for the random displacement of the object.
     """
@@ -91,9 +86,8 @@ def stance(model: Model, rule: ClassRule) -> Array:
 def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
     """Return the default placement of a model in front of a robot.
 
-    The object stands such that its lowest point, at any joint value, touches the table. The contact keypoint lies at
-    the distance ``comfortable`` from the base, or farther if a tall part would come near the resting hand. The average
-    position of this keypoint over the joint range lies straight in front of the robot.
+    The lowest point at any joint value touches the table. The contact keypoint is ``comfortable`` from the base, or
+    farther if a tall part is near the resting hand; its mean over the range is straight in front.
 
     Args:
         model: the object.

@@ -198,9 +198,8 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Round each corner of a polyline by an arc of a parabola. The arc connects a point on one edge with a point on the
-    other edge. Each of these points is three times ``radius`` away from the corner, but at most half the length of its
-    edge.
+    """Round a polyline's corners by arcs of parabolas between points at three times ``radius`` from the corner, at most
+    half an edge.
     """
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
@@ -232,11 +231,9 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Return the surface that connects successive rings of points, each (N, 3). Seen from the last ring, the points of
-    each ring run counterclockwise.
+    """Return the surface of successive rings (N, 3), counterclockwise as seen from the last ring.
 
-    If ``closed``, a flat face covers the first ring and another covers the last ring. Otherwise the surface continues
-    from the last ring to the first ring, as in a torus or a hollow wall.
+    ``closed`` adds flat faces at both ends; else the surface returns to the first ring, as in a torus.
     """
     n, k = len(rings[0]), len(rings)
     vertices = [*rings]
@@ -259,9 +256,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
     Args:
         a, b: (3,) ends of the axis, m.
-        profile: corners of the profile polygon. Each corner has a radius (m) and a position along the axis (0 at ``a``,
-            1 at ``b``). The corners run counterclockwise in a drawing in which the radius points to the right and the
-            axis points upwards.
+        profile: corners (radius in m, position along the axis: 0 at ``a``, 1 at ``b``), counterclockwise with the
+            radius to the right and the axis upwards.
         look: material.
         sides: number of flat sides that approximate the circle around the axis.
     """
@@ -325,8 +321,7 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """Return a tube from ``a`` to ``b`` whose radius changes from ``radius_a`` to ``radius_b``. Its wall consists of
-    ``segments`` convex parts for collision and a round mesh for display.
+    """Return a tube from ``a`` to ``b``, ``radius_a`` to ``radius_b``: ``segments`` convex parts and a round mesh.
 
     ``bottom`` is the thickness of a disc that closes the tube at ``a``. If it is None, both ends are open.
     """

@@ -31,8 +31,7 @@ Array = Annotated[
 
 
 def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | None = None) -> Array:
-    """Return the motion of a joint as a rigid transform from joint value zero to the given value. The transform is in
-    the frame in which ``axis`` and ``origin`` are given.
+    """Return a joint's rigid motion from value zero to a value, in the frame of ``axis`` and ``origin``.
 
     Args:
         kind: ``"prismatic"``, ``"revolute"`` or ``"continuous"``.
@@ -187,9 +186,8 @@ class ObjectModel(Protocol):
 class ArticulatedObject:
     """An articulated object ready for simulation and planning.
 
-    ``urdf`` is scaled and complete: it has inertials, limits and joint dynamics, and one convex mesh for each collision
-    element. SAPIEN and urdf-rs load the file directly. ``hulls`` contains the same convex collision parts as arrays for
-    the planner.
+    ``urdf`` is scaled and complete: inertials, limits, joint dynamics, one convex mesh per collision element. SAPIEN
+    and urdf-rs load it directly; ``hulls`` are the same parts as arrays.
 
     Attributes:
         asset_class: name of the class, such as ``"box_rotate"``.
@@ -198,10 +196,8 @@ class ArticulatedObject:
         urdf: file in the cache folder; its meshes are in the same folder.
         joint: movable joint.
         keypoints: keypoints by name.
-        T_link_object: (4, 4) pose of the object frame in the moving link's frame. docs/architecture.md defines the
-            object frame.
-        object_axis: axis of the object frame, ``"x"``, ``"y"`` or ``"z"``, about which the hand turns in the planner's
-            rotate motions.
+        T_link_object: (4, 4) object frame (docs/architecture.md) in the moving link's frame.
+        object_axis: object-frame axis ``"x"``, ``"y"`` or ``"z"`` of the planner's rotate motions.
         hulls: convex vertex sets by link name, each (N, 3) metres in the link frame.
         placement: default placement, computed from the geometry.
         default_openness: mean of the randomized openness.
@@ -266,18 +262,14 @@ class RigidObject:
     Attributes:
         asset_class: name of the class, such as ``"mug"``. The class contains only this object.
         source: ``"generated"`` or ``"real"``.
-        folder: folder of the visual mesh ``visual.glb`` and the collision parts ``hull_<i>.obj``. Their vertices are in
-            metres in the object frame.
-        hulls: convex collision parts by link name, which is always ``"body"``. Each part is an array (N, 3) in the
-            object frame, m.
+        folder: folder with ``visual.glb`` and ``hull_<i>.obj``, in metres in the object frame.
+        hulls: convex collision parts (N, 3), object frame, m, of the only link ``"body"``.
         mass: mass, kg.
         center_of_mass: (3,) centre of mass in the object frame, m.
         inertia: (3, 3) inertia about the centre of mass, along the axes of the object frame, kg m².
         friction: friction coefficient of the surface, for both static and dynamic friction.
-        keypoints: keypoints on ``"body"`` by name: always ``rigidbody_object_head``, and ``rigidbody_object_tail`` if
-            the object has two ends.
-        placement: stable pose of the object frame in the world, on a table at z = 0. The object's origin lies above the
-            world's origin.
+        keypoints: on ``"body"``: ``rigidbody_object_head``, and ``rigidbody_object_tail`` if there are two ends.
+        placement: stable pose of the object frame on a table at z = 0, above the world's origin.
         grip: best grasp of the object in the pose ``placement``.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the object.

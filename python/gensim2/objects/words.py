@@ -46,10 +46,8 @@ class Phrase:
         name: name in CamelCase, such as ``"PressStapler"``.
         sentence: instruction in lower case, such as ``"press the stapler"``.
         noun: name of the object, such as ``"stapler"``.
-        usefulness: how likely people are to ask for the task, from 0.1 to 1. A task with 1 is an everyday request
-            (open, close, switch, press, lift). A task with 0.5 is requested sometimes, or as part of a chore. A task
-            with 0.1 is hardly ever requested, for example because the joint returns by itself, or because the task only
-            reverses another task.
+        usefulness: how likely people ask for the task: 1 for everyday requests (open, close, switch, press, lift), 0.5
+            for occasional ones or parts of chores, 0.1 for tasks that only undo others or happen by themselves.
     """
 
     name: str
@@ -64,11 +62,9 @@ class Purpose:
 
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
-        goals: joint goals that serve the purpose. Each goal consists of a class of objects and the limit to which the
-            joint of such an object is moved.
-        errands: pairs of actions. In the first action the robot moves a joint; the action is a joint goal as in
-            ``goals``. In the second action the robot puts a rigid object on or into another object; the action is the
-            class of the other object, followed by the class of the rigid object.
+        goals: joint goals of the purpose: a class of objects and the limit to which its joint is moved.
+        errands: pairs of actions: a joint goal as in ``goals``, and putting a rigid object on or into another: the
+            other's class, then the rigid class.
     """
 
     say: str
@@ -97,8 +93,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
     """Return the instruction for moving the joint of a class of objects to one of its limits.
 
     Args:
-        asset_class: class of articulated objects. If the package has no words for the class, the instruction is
-            composed from the class's name.
+        asset_class: articulated class; without words of the package, its name forms the instruction.
         goal: ``"articulated_open"`` for the upper limit of the joint, ``"articulated_closed"`` for the lower limit.
         joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how its joint moves.
     """

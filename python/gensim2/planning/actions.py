@@ -42,19 +42,15 @@ HOLD_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Acts:
-    """Gripper commands during a planned step. The arm first moves to the actuation pose, at which the fingers may close
-    or open. From there it performs the motions of the step.
+    """Gripper commands of a step: the arm moves to the actuation pose, where the fingers may act, then on.
 
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
-        command: gripper command (-1 to 1) from the start of the step until the fingers close or open at the actuation
-            pose.
+        command: gripper command (-1 to 1) until the fingers act at the actuation pose.
         opening: gripper command while the open hand approaches a grasp, -1 to 1.
         grip: gripper command after the fingers have closed, -1 to 1.
-        gently: whether the fingers close at the low speed ``CLOSING_SPEED``, so that they do not push a movable object
-            away.
-        before: whether the arm waits at the start until the fingers have moved to ``command``. If False, fingers and
-            arm move at the same time.
+        gently: whether fingers close at ``CLOSING_SPEED``, so that they push no movable object.
+        before: whether the arm first waits for the fingers to reach ``command``, or moves with them.
         lets_go: whether the hand opens and retreats at the end of the step.
     """
 
@@ -74,15 +70,12 @@ class Schedule:
     Attributes:
         reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step. Compensation
             for the tracking error of the joint drives is not included.
-        ends: (N,) for each row, the index of the row in which the arm's current motion ends. For a row in which the arm
-            stands still, this is the row's own index.
+        ends: (N,) for each row the index of the last row of the arm's motion; its own if the arm stands.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time on the plan's trajectory that is reached at the end of each step, s.
-        contact: first step of the final approach to the actuation pose. From this step on, the hand may touch its
-            target.
+        contact: first step of the final approach, from which the hand may touch its target.
         actuation: first step at the actuation pose.
-        gripped: first step after the fingers have closed on an object, or None without a grasp. If the fingers close in
-            the last step, the value is N.
+        gripped: first step after closing on an object, N for the last step; None without a grasp.
         released: first step in which the fingers release an object, or None.
     """
 
@@ -104,11 +97,9 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) between the direction in which a pad presses and the edge of the friction cone. If the pads
-            press on two parallel faces, the angle is half the opening angle of the cone. If the faces are inclined, the
-            angle is smaller. At an angle of zero the pads slip.
-        lever: distance (m) of the object's centre of mass from the line between the pads. The weight of the object
-            tends to turn the object about this line.
+        margin: angle (rad) from a pad's pressing direction to the edge of the friction cone; for parallel faces half
+            the cone's opening angle, less for inclined ones. At zero the pads slip.
+        lever: distance (m) of the centre of mass from the pads' line, about which the weight turns the object.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)

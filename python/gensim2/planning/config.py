@@ -38,8 +38,7 @@ def check_strategies(
     profile: RobotProfile,
     files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Check the strategies of every step of a task. Each strategy must exist, and may name only keypoints of the step's
-    tool and of the task's objects.
+    """Check that every step's strategies exist and name only keypoints of its tool and the task's objects.
 
     Args:
         task: spec of the task.

@@ -71,8 +71,7 @@ class Fingers:
     def around(self, q: Array, width: float, scene: Scene) -> Array:
         """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
 
-        Stiff finger drives press the fingers almost to their commanded position, so ``q`` is returned unchanged. Soft
-        drives let the fingers stop at the surface of the object.
+        Stiff drives almost reach their command, so ``q`` is unchanged; soft ones stop at the object's surface.
         """
         if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q

@@ -51,14 +51,11 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Return collision-free grasps of a rigid object, the best grasp first. The tilt of the hand is within the limits
-    of the strategy.
+    """Return collision-free grasps of a rigid object, best first, tilted within the strategy's limits.
 
-    The grasps are ranked with the friction coefficient of the strategy. If the scene has a lower friction coefficient,
-    this ranking is corrected in two ways. First, grasps that would slip with the scene's coefficient are moved to the
-    end. Second, grasps near the object's centre of mass are preferred, because an object that is held far from its
-    centre of mass slowly rotates between the pads. The scene's coefficient does not replace the strategy's coefficient,
-    because the ranking would then depend too much on small misalignments of the pads.
+    The strategy's friction coefficient ranks grasps. If the scene's is lower, grasps that would slip with it move to
+    the end, and grasps near the centre of mass come first, because others slowly rotate in the pads. The scene's
+    coefficient itself would rank too much by small misalignments of the pads.
 
     Args:
         world: ``scene`` in the solver's form.
@@ -67,8 +64,7 @@ def grasps_of(
         gripper: gripper in the solver's form.
         profile: profile of the robot.
         strategy: grasp strategy.
-        lost: (4, 4) hand poses, in the object's frame, of earlier grasps that slipped. Similar grasps are moved to the
-            end.
+        lost: (4, 4) hand poses in the object's frame of grasps that slipped; similar grasps come last.
     """
     found = world.grasps(
         name,

@@ -30,10 +30,9 @@ ABOVE = 0.02
 def floor(scene: Scene, name: str) -> Array:
     """Return the point (3,) of the floor below an object's last keypoint, in the base frame.
 
-    The floor is the highest surface below the keypoint on which another object can be put down. The surface belongs to
-    the object or to a fixture, and must meet two conditions. Above it there must be ``ROOM`` metres of free space. On
-    at least ``SIDES`` of the four sides of the point, the surface must continue or end at a wall. If no surface meets
-    these conditions, the floor is the table top (z = 0 in the world).
+    The floor is the highest surface below the keypoint, of the object or a fixture, with ``ROOM`` metres of free space
+    above it, that on at least ``SIDES`` of four sides continues or ends at a wall; otherwise the table top, z = 0 in
+    the world.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
     up = np.asarray(T_base_world[:3, 2], dtype=np.float64)

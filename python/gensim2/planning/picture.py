@@ -52,10 +52,9 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    Both views contain the whole hand, the objects of the task, the keyframes and the targets. If no pose meets the
-    constraints, the picture shows the arm in the pose with the smallest violation. Object keypoints are orange, and
-    tool keypoints are green. If the target of a point constraint does not coincide with an object keypoint, the target
-    is drawn as a purple point. Keyframes that the arm does not reach are smaller than the other keyframes.
+    Both views contain the hand, the task's objects, keyframes and targets; without a feasible pose, the arm in the pose
+    with the smallest violation. Object keypoints are orange, tool keypoints green, targets elsewhere purple; unreached
+    keyframes are small.
 
     Args:
         scene: scene in which the step was planned.

@@ -27,8 +27,7 @@ class Reach:
         problem: solved problem.
         plan: plan of the solver.
         clearance: requested clearance, m.
-        touches: reason why planning with a clearance failed, if ``plan`` permits the hand to touch the target before
-            the actuation pose; otherwise None.
+        touches: why planning with a clearance failed, if ``plan`` may touch the target early; else None.
     """
 
     problem: kpam.KeypointProblem
@@ -45,11 +44,10 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    The planner tries the clearances in the given order and returns the first complete motion. With the clearance None,
-    which is usually the last one, the hand may touch the target in the last segment before the actuation pose. If every
-    attempt fails, the planner repeats the attempts that ended without a usable hand pose (a status in ``SHORT``). In
-    these repetitions the solver may shift hand poses. If the repetitions fail as well, the planner returns the longest
-    partial motion. If several partial motions are equally long, it returns the motion with the largest clearance.
+    Clearances are tried in order, and the first complete motion is returned. With None, usually last, the hand may
+    touch the target in the last segment before the actuation pose. If all fail, attempts without a usable hand pose
+    (status in ``SHORT``) are repeated with shifted poses. Then the longest partial motion is returned, with the largest
+    clearance.
 
     Args:
         problem_with: function that returns the problem with the given solver options.
@@ -83,7 +81,6 @@ def reach(
 def _extent(plan: kpam.Plan) -> float:
     """Return a number that tells how much of its motion a partial plan completes, to compare partial plans.
 
-    The number is 0 for a plan without a trajectory. For any other plan it is 1 plus the completed fraction (0 to 1) of
-    the motions after actuation.
+    It is 0 without a trajectory, else 1 plus the completed fraction of the motions after actuation.
     """
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -23,8 +23,7 @@ class SceneBody:
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: vertices of convex hulls, each (N, 3), m, in the body frame. All scenes of an episode share one tuple
-            object, so that planners can cache data derived from it.
+        hulls: vertices (N, 3) of hulls, m, body frame; one tuple object per episode, so that planners can cache by it.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
@@ -105,8 +104,7 @@ class Scene:
     """State of robot and objects at one instant, as the planner needs it.
 
     Attributes:
-        q, qvel: (n,) positions (rad or m) and velocities (rad/s or m/s) of the robot's active joints, in the robot's
-            joint order.
+        q, qvel: (n,) positions (rad or m) and velocities (per s) of active joints, in the robot's order.
         T_world_base: (4, 4) pose of the robot base in the world.
         objects: objects by name, in the task's order.
         fixtures: bodies that belong to no object, such as the table.

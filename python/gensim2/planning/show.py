@@ -28,9 +28,8 @@ FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 
 def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
     """Serve a web page that animates the plan, and return at once.
 
-    The page shows the arm at the slider's time, the collision hulls, the hand's path, the named keypoints, and every
-    keyframe (small if the arm does not reach it). A grasped object moves with the hand. If the plan has no motion, the
-    page shows the arm at its start.
+    The page shows the arm at the slider's time, hulls, the hand's path, keypoints and keyframes (small if unreached). A
+    grasped object moves along; without a motion the arm is at its start.
 
     Args:
         scene: planned scene.
@@ -131,8 +130,7 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
 
     Args:
         server: a ``viser.ViserServer``.
-        plans: plans in the robot's base frame, by name. With several plans, each label begins with the first word of
-            its plan's name.
+        plans: plans by name, base frame; with several, labels begin with the first word of the name.
         profile: profile of the robot.
     """
     labels = []

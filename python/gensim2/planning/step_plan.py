@@ -37,11 +37,9 @@ class StepPlan:
         width: distance between the finger pads at the grasp of ``picks``, m.
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
-        touches: reason why planning failed without contact before the actuation pose; None if ``plan`` permits no such
-            contact.
+        touches: why planning without early contact failed; None if ``plan`` has no such contact.
         whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
-        foreseen: plan of a later step that uses the grasped object as its tool. This plan starts from the predicted
-            scene ``after``. None if no such plan was made.
+        foreseen: plan of a later step with the grasped object as its tool, from the scene ``after``; None if not made.
     """
 
     status: str
@@ -64,9 +62,8 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Quality of the plan; a lower number is better. The rank is 0 for a complete motion without contact before the
-        actuation pose, 1 for a complete motion with contact before the actuation pose, 2 for a partial motion, and 3
-        without a motion.
+        """Quality of the plan, best 0: complete without early contact; 1: complete with early contact; 2: partial; 3:
+        no motion.
         """
         if self.schedule is None:
             return 3

@@ -38,9 +38,8 @@ class StepPlanner:
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: maximum number of reachable grasps to try for an object that the next step needs. The search ends if
-            none of these grasps allows the next step. The same grasp with swapped fingers counts as another grasp.
-            None: all grasps are tried, which takes half a minute if all grasps fail.
+        patience: maximum number of reachable grasps, of an object that the next step needs, to try; swapped fingers
+            count as another. None: all, which takes half a minute if all fail.
 
     Attributes:
         profile: profile of the robot.
@@ -74,8 +73,7 @@ class StepPlanner:
             scene: scene at the start of the step, with the robot's velocity.
             step: object and tool of the step.
             strategy: strategy of the step.
-            following: later steps. If one of these steps uses the object of ``step`` as its tool, the planner accepts a
-                grasp of the object only if it can also plan the later step with this grasp.
+            following: later steps; if one uses ``step``'s object as its tool, a grasp must allow a plan of it.
             warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
             lost: (4, 4) hand poses, in the object's frame, of grasps that slipped; similar grasps are tried last.
             explain: whether the plan reports the result of every pose that was tried.

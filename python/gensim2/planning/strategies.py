@@ -26,18 +26,14 @@ CENTERED = 0.25
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """Strategy that is given by a solver config. docs/reference/solver.md describes the fields of the config, and
-    docs/architecture.md describes how the planner uses the fields.
+    """Strategy given by a solver config (docs/reference/solver.md, and docs/architecture.md on the planner's use).
 
-    A config names the keypoints of the step's object and tool without a prefix. A keypoint of another object is named
-    ``"<object>/<keypoint>"``.
+    Keypoints of the step's object and tool have no prefix; others are ``"<object>/<keypoint>"``.
 
     Attributes:
-        config: the config as plain data. In addition to the solver's fields it may have three fields of the planner.
-            ``contact_speed`` is the maximum speed (m/s) of the contact point after the hand has reached the actuation
-            pose. ``opening`` is the distance between the pads (m) while the hand approaches a grasp. ``makes_room`` is
-            the name of an obstacle: the strategy then moves the obstacle out of the way, and the step itself needs
-            another strategy.
+        config: plain data with the solver's fields and three of the planner: ``contact_speed``, the contact point's
+            maximum speed (m/s) after the actuation pose; ``opening``, the pads' distance (m) while approaching a grasp;
+            and ``makes_room``, an obstacle that the strategy moves away, so that the step needs another strategy.
     """
 
     config: Mapping[str, Any]
@@ -110,12 +106,10 @@ class _FoundGrasp(BaseModel):
 
 
 class GraspStrategy(_FoundGrasp):
-    """Strategy that grasps the step's object between the two fingers. The grasp is found by a search on the object's
-    shape.
+    """Strategy that grasps the step's object with two fingers, searched for on its shape.
 
-    The planner executes the first usable grasp. A grasp is usable if the planner finds a motion that reaches the grasp
-    and lifts the object. If a later step uses the object as its tool, the planner must also find a motion for that
-    step.
+    The first usable grasp is executed: one with a motion that reaches it and lifts the object, and that of a later step
+    that uses the object as its tool.
 
     Attributes:
         grasp: search method.
@@ -125,8 +119,7 @@ class GraspStrategy(_FoundGrasp):
         least_tilt: minimum angle (rad) between the direction of the approach and straight down. If the hand approaches
             from the side, it can later put the object down on its side.
         friction: friction coefficient between pads and object.
-        candidates: maximum number of grasps to try. Each grasp is tried twice, the second time with the two fingers
-            swapped.
+        candidates: maximum number of grasps, each tried also with swapped fingers.
     """
 
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
@@ -153,8 +146,7 @@ class GraspStrategy(_FoundGrasp):
 class PullStrategy(_FoundGrasp):
     """Strategy that grasps the moving link of the step's object and then moves the joint.
 
-    The planner executes the first grasp that the hand reaches without early contact and that allows the complete motion
-    of the joint.
+    It executes the first grasp reached without early contact that allows the complete motion of the joint.
 
     Attributes:
         grasp: search method.
@@ -163,8 +155,7 @@ class PullStrategy(_FoundGrasp):
         let_go: distance by which the open hand retreats at the end, m.
         friction: friction coefficient between pads and object.
         contact_speed: maximum speed of the pads while they grip the link, m/s.
-        candidates: maximum number of grasps to try. Each grasp is tried twice, the second time with the two fingers
-            swapped.
+        candidates: maximum number of grasps, each tried also with swapped fingers.
     """
 
     follow_joint_to: Annotated[float, Field(ge=0, le=1)]
@@ -181,8 +172,7 @@ Strategy = KeypointStrategy | GraspStrategy | PullStrategy
 def centered(strategy: Strategy) -> Strategy:
     """Return the strategy with point tolerances multiplied by ``CENTERED``; unchanged if it has no such tolerance.
 
-    With the full tolerance, the solver mostly chooses a pose at its edge. Such a pose leaves no margin for errors of an
-    estimated scene, and it differs between similar scenes.
+    With the full tolerance the solver chooses poses at its edge, without margin and unlike in similar scenes.
     """
     if not isinstance(strategy, KeypointStrategy):
         return strategy
@@ -199,9 +189,8 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of the strategy, which determine its type. Without the field ``grasp``, the data is a solver config
-            (:class:`KeypointStrategy`). With the field ``grasp``, the data is a :class:`PullStrategy` if it also has
-            ``follow_joint_to``, and a :class:`GraspStrategy` otherwise.
+        data: fields of the strategy: without ``grasp`` a solver config (:class:`KeypointStrategy`); with it a
+            :class:`PullStrategy` if it has ``follow_joint_to``, else a :class:`GraspStrategy`.
         file: file that contains the data, for error messages.
 
     Raises:

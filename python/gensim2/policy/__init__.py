@@ -1,8 +1,7 @@
 """Train and run policies that map an instruction, a point cloud and the robot's state to actions.
 
-A :class:`PolicyConfig` selects the parts of a policy's network: encoders of the inputs, a trunk that combines the
-encoded inputs, and a head that computes actions. :func:`train` trains a policy on data sets and writes a checkpoint
-folder (:class:`PolicyCheckpoint`). A :class:`PolicyController` runs the policy of a checkpoint in a rollout.
+A :class:`PolicyConfig` selects a network's encoders, trunk and head. :func:`train` trains it on data sets and writes a
+:class:`PolicyCheckpoint`, which a :class:`PolicyController` runs in a rollout.
 """
 
 from __future__ import annotations

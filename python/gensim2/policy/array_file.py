@@ -50,8 +50,7 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file that :func:`write_arrays` wrote. Untrusted files are safe to read: the function never unpickles
-    objects, and checks all sizes before it allocates memory.
+    """Read a file of :func:`write_arrays`, also an untrusted one: without pickle, and with all sizes checked.
 
     Args:
         path: the ``.npz`` file.
@@ -108,8 +107,7 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: data type and shape of each array, by name. None in a shape allows any length. The first axis must
-            have the same length in all arrays.
+        expected: type and shape by name; None allows any length, equal for all along the first axis.
         path: file name for the error message.
 
     Raises:

@@ -1,7 +1,6 @@
 """Augment training batches.
 
-The augmentations are point jitter, point dropout, a colour shift, a random rotation of the whole scene about the
-vertical axis of the robot's base (yaw), and noise on the arm's joints.
+They are point jitter and dropout, a colour shift, a yaw of the whole scene, and noise on the arm's joints.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ def augmented(
 ) -> dict[str, torch.Tensor]:
     """Augment a batch by point dropout, jitter, colour shift and yaw.
 
-    A dropped point is replaced by a copy of another point, so the number of points is unchanged. Each sample drops a
-    random fraction of its points, up to ``training.dropout``.
+    Copies of others replace dropped points, a random fraction of each sample up to ``training.dropout``.
 
     Args:
         seen: observation columns (B, T, ...), base frame.
@@ -65,8 +63,7 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Return whether the fingers may have grasped an object: the command closes them, but they have not met. Arrays are
-    compared element by element.
+    """Return, element by element, whether fingers may hold an object: closed by command, but apart.
 
     Args:
         width: distance of the finger pads, m.
@@ -78,18 +75,14 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb the arm joints in half of the samples, so that the policy learns to move back to the demonstration (Ke et
-    al. 2021).
+    """Perturb the arm's joints in half of the samples, to teach ways back (Ke et al. 2021).
 
-    All frames of a perturbed sample get the same Gaussian noise on the joint positions, with a standard deviation of at
-    most ``arm_noise``. The tool pose is computed again from the perturbed joint positions. The noise is subtracted from
-    the actions, which are relative to the present joint positions, so the actions still lead to the joint positions of
-    the demonstration. A sample in which the hand may hold an object is not perturbed, because the object would have to
-    move with the hand.
+    All frames of such a sample get the same Gaussian noise, at most ``arm_noise``, on the joints, and tool poses
+    computed again. The noise is subtracted from the relative actions, so that they still lead to the demonstration's
+    joints. Samples in which the hand may hold an object stay, because the object would have to move along.
 
     Args:
-        batch: columns (B, T, ...) in the base frame. The clouds must not contain points of the robot, and the actions
-            must be relative to the present joint positions.
+        batch: columns (B, T, ...) in the base frame; clouds without the robot, actions relative to present joints.
         training: ``arm_noise`` is the largest standard deviation, rad.
         generator: random generator on the tensors' device.
     """

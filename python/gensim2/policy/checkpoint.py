@@ -1,7 +1,6 @@
 """Save and load checkpoints: a folder with ``config.json`` and a safetensors file, without executable content.
 
-``config.json`` contains the name and the SHA-256 of the weights file and is written last, so a reader sees either the
-old or the new checkpoint.
+``config.json``, written last, names the weights file and its SHA-256: a reader sees the old or the new checkpoint.
 """
 
 from __future__ import annotations
@@ -57,12 +56,10 @@ class DataRecord(Record):
     Attributes:
         digest: hash of all episodes and their observations.
         tasks: names of the tasks.
-        episodes, frames: number of episodes, and number of frames in them. A scene that was planned but not simulated
-            counts as one frame.
+        episodes, frames: number of episodes and of their frames; a planned scene counts as one frame.
         folders: names of the data sets.
         noisy: number of episodes recorded with noise on the arm's commands.
-        relabels: number of additional frames from rollouts of the policy, for which the planner computed the actions
-            (DAgger).
+        relabels: number of further frames, of the policy's rollouts with the planner's actions (DAgger).
     """
 
     model_config = ConfigDict(frozen=True)
@@ -131,8 +128,7 @@ class PolicyCheckpoint:
         action: format of the output.
         observation: observations that the policy needs.
         sentences: the S different instructions in the training data.
-        table: (S, ...) encoded instructions, one row for each instruction in ``sentences``; see
-            :func:`gensim2.policy.text.prepare`.
+        table: (S, ...) encoded ``sentences``, one row each; see :func:`gensim2.policy.text.prepare`.
         data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.
@@ -247,8 +243,7 @@ class PolicyCheckpoint:
             folder: the checkpoint's folder, for the message.
 
         Raises:
-            CheckpointError: the weights that the checkpoint names are neither a default of gensim2 nor equal to
-                ``given``.
+            CheckpointError: the checkpoint's weights are neither a default of gensim2 nor ``given``.
         """
         if self.config.text in PRETRAINED and self.config.text_model not in (CLIP, SENTENCE, given):
             message = f"names the weights {self.config.text_model!r}, which a checkpoint alone does not load"

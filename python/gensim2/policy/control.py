@@ -30,8 +30,7 @@ Sees = Literal["all", "nothing", "other"]
 class Shuffled:
     """Point clouds of training scenes, for the control experiment with the clouds of other scenes.
 
-    In this experiment the policy gets a randomly chosen cloud of another scene instead of the observed cloud, to
-    measure how much the policy depends on the cloud.
+    The policy gets a random cloud of another scene, to measure how much it depends on the cloud.
 
     Attributes:
         points: (S, N, 3) points of S clouds, m, base frame.
@@ -78,8 +77,7 @@ class Sight:
     """Replacement of the point clouds that a policy observes, to measure how much the policy depends on them.
 
     Attributes:
-        sees: cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros, or
-            ``"other"`` for the cloud of another scene.
+        sees: the policy's cloud: ``"all"``: observed, ``"nothing"``: zeros, ``"other"``: another scene's.
         others: clouds of other scenes; None unless ``sees`` is ``"other"``.
     """
 

@@ -37,28 +37,22 @@ Action = npt.NDArray[np.float32]
 
 
 class PolicyController:
-    """Controller that executes the first ``execute`` actions of each predicted chunk, and then observes and predicts
-    again.
+    """Controller that executes the first ``execute`` actions of each predicted chunk, then predicts again.
 
-    The network also predicts, for each action of a chunk, whether the episode has ended by then. The controller ends
-    the episode when this holds for the first action of a new chunk. If the hand stops moving before the end of the
-    episode and holds no object, the attempt counts as failed. The arm then retraces its path to the start pose, and the
-    policy tries again.
+    The network also predicts for each action whether the episode has ended by then; the controller ends it when this
+    holds for the first action of a new chunk. A hand that stops earlier without an object retraces its path to the
+    start, and the policy tries again.
 
     Args:
         checkpoint: folder of the checkpoint.
         execute: number of actions of each chunk to execute; None: the checkpoint's setting.
         attempts: maximum number of attempts in an episode.
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
-        unknown_sentences: treatment of instructions that were not in the training data: ``"parse"`` replaces an
-            instruction by the training instruction with the same steps and refuses it if there is none, ``"embed"``
-            encodes the instruction with the text encoder.
-        text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
-            default of gensim2.
-        sees: point cloud that the policy gets: ``"all"`` for the observed cloud, ``"nothing"`` for a cloud of zeros,
-            ``"other"`` for the cloud of another scene.
-        says: instructions to replace: a mapping from a task's instruction to the instruction that the policy gets
-            instead.
+        unknown_sentences: untrained instructions: ``"parse"`` uses the training instruction with the same steps or
+            refuses, ``"embed"`` encodes them.
+        text_model: folder or Hugging Face name of the text encoder's weights, if not gensim2's default.
+        sees: the policy's cloud: ``"all"``: observed, ``"nothing"``: zeros, ``"other"``: another scene's.
+        says: mapping from a task's instruction to the one that the policy gets instead.
         threads: number of PyTorch threads.
 
     Raises:
@@ -115,8 +109,7 @@ class PolicyController:
     def observation_spec(self) -> ObservationSpec:
         """Observations needed at the next step.
 
-        While a chunk is executed, the controller needs only the robot's state, so no cloud is rendered. A policy that
-        uses past frames needs a cloud at every step.
+        During a chunk only the robot's state is needed, so no cloud is rendered unless past frames are used.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation

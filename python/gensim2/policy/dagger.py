@@ -50,34 +50,27 @@ def train_rounds(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train a policy on demonstrations. Then train it in several rounds on states of its own rollouts, for which the
-    planner computes the actions (DAgger).
+    """Train on demonstrations, then in rounds on the policy's own states with the planner's actions (DAgger).
 
-    Each round starts from the weights of the previous round, and trains on the demonstrations and the labelled states
-    of all rounds so far.
+    Each round starts from the last weights, with the demonstrations and all labelled states so far.
 
     Args:
         source: demonstrations.
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
-        policy, training: settings as for :func:`~gensim2.policy.train.train_policy`. Every round takes the number of
-            gradient steps in ``training``.
-        out: folder for the last checkpoint. Its subfolder ``rounds/`` contains the earlier checkpoints and the labelled
-            states.
-        rounds: number of rounds after the first training run. Each round runs rollouts of the policy and trains it
-            again.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the given steps.
+        out: folder of the last checkpoint; ``rounds/`` has the earlier ones and the labelled states.
+        rounds: number of rounds of rollouts and training after the first training.
         episodes: number of rollouts for each task and round.
         start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
         workers: simulator processes.
         assets: folder of the objects; None: the folder recorded in the data sets.
 
     Returns:
-        Result of the last training run. The steps and the CPU time in it are totals of all training runs. The CPU time
-        of the rollouts is not included.
+        Result of the last training, with the steps and CPU time of all trainings, without rollouts.
 
     Raises:
-        InputError: a task has several steps or an object without a joint, ``out`` contains a policy that was trained
-            with a different number of rounds, or :func:`~gensim2.policy.train.train_policy` does not accept an
-            argument.
+        InputError: several steps or an object without a joint, a policy of other rounds in ``out``, or an argument that
+            :func:`~gensim2.policy.train.train_policy` refuses.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)

@@ -59,10 +59,9 @@ class DecodedData:
         robot: name of the robot profile.
         observation: observation spec of the rendered episodes.
         episodes: episodes, in the order of their rows in the arrays.
-        arrays: memory-mapped arrays with one row for each frame. ``pointcloud/xyz`` is int16 in units of 0.1 mm,
-            ``pointcloud/rgb`` is uint8, proprioception and ``action`` are float32. ``action`` contains the planned
-            commands, without the noise that the recording added. The last frame of an episode has no action of its own,
-            so its row repeats the previous action.
+        arrays: memory-mapped arrays, a row per frame: ``pointcloud/xyz`` int16 in 0.1 mm, ``pointcloud/rgb`` uint8,
+            proprioception and ``action`` float32. ``action`` has the planned commands without noise; an episode's last
+            row repeats the one before.
         record: description of the data for checkpoints.
     """
 
@@ -89,8 +88,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     """Return the successful, rendered episodes of data sets, from the cache if it contains them.
 
     Args:
-        folders: rendered data sets; episodes that are not rendered are left out and reported to ``progress``. An
-            episode that occurs in several data sets counts once.
+        folders: rendered data sets; unrendered episodes are left out and reported, repeated ones count once.
         tasks: names of the tasks; empty for all.
 
     Raises:

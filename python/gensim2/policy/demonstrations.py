@@ -84,11 +84,9 @@ class Demonstrations:
             rows: (B,) numbers of the frames at which the policy predicts.
 
         Returns:
-            Observation columns (B, T, ...), and the columns ``sentence`` and ``action``. If the policy predicts
-            keyframes, the batch also has the tool poses at the next keyframes. T is the number of frames that the
-            policy observes, including the present frame. A frame before the start of an episode is a copy of the
-            episode's first frame. An action after the last training frame of an episode is a copy of the episode's last
-            action, and is marked as the end of the episode.
+            Observation columns (B, T, ...), ``sentence`` and ``action``, and the tool poses at the next keyframes if
+            the policy predicts them. T counts the observed frames with the present one; the first frame repeats before
+            the start. After the last training frame the last action repeats, marked as the end.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])

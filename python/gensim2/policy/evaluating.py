@@ -56,8 +56,7 @@ class PolicyResult:
 
     Attributes:
         policy: results of the policy.
-        controls: results of the control experiments by name. The experiment ``"expert"`` runs the planner in
-            place of the policy, and has one result for each task. Other experiments have one result for all tasks.
+        controls: control results by name: ``"expert"``, the planner, by task, the others for all tasks.
     """
 
     policy: EvaluationResult
@@ -157,8 +156,7 @@ def evaluate_policy(
         control_episodes: number of episodes of each task in a control experiment, at most ``episodes``.
         arguments: additional arguments of the policy's controller.
         out: output folder, with a subfolder for each control experiment.
-        tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: as for
-            :func:`~gensim2.evaluation.evaluate`.
+        tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.

@@ -68,12 +68,10 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     """Export a policy's network with batch size 1, and compare its output with the output of the original network.
 
-    The function also writes a file ``<name>.json``. It describes how to use the exported network: the names and shapes
-    of the inputs, the instructions, the observation spec and the action format. The inputs have the form of
-    :class:`~gensim2.policy.frames.Inputs`, so the user of the network must transform clouds and poses into the policy's
-    frame. For a keypose policy, the file has two more entries. ``points_order`` is the order in which the network
-    expects the points of a cloud. ``classes`` lists the meaning of the output classes; the last class is ``null`` and
-    means "done".
+    ``<name>.json`` describes the use of the exported network: names and shapes of inputs, instructions, observation
+    spec and action format. Inputs have the form of :class:`~gensim2.policy.frames.Inputs`, so the user must transform
+    clouds and poses into the policy's frame. For a keypose policy, ``points_order`` is the expected order of points,
+    and ``classes`` lists the output classes, with ``null`` for the last, "done".
 
     Args:
         folder: folder of the checkpoint.
@@ -85,8 +83,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         the largest deviation of the exported network's output from the original output.
 
     Raises:
-        InputError: the format is unknown, the checkpoint cannot be used, or the exported output differs by more than
-            1e-5.
+        InputError: an unknown format, an unusable checkpoint, or a difference above 1e-5.
         MissingExtraError: a package is not installed.
     """
     if to not in FORMATS:

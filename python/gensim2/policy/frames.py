@@ -1,10 +1,8 @@
 r"""Convert observations to inputs of the network, in a frame that rotates with the robot's first joint.
 
-The first joint of a robot such as the Panda turns the robot about the z axis of its base. If scene and robot are
-rotated together about this axis, the policy should act as before. Two conversions ensure this. Clouds and tool poses
-are rotated by :math:`R_z(-q_1)`, where :math:`q_1` is the position of the first joint, and :math:`q_1` itself is left
-out of the inputs. Actions are relative to the present joint positions. Therefore neither the inputs nor the actions
-depend on the common rotation.
+The first joint of a robot such as the Panda turns it about its base's z axis; a policy should act alike if scene and
+robot are rotated about this axis. So clouds and tool poses are rotated by :math:`R_z(-q_1)`, the first joint's position
+:math:`q_1` is no input, and actions are relative to the present joints.
 """
 
 from __future__ import annotations
@@ -30,16 +28,14 @@ SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the network, in the policy's frame (see the module) and in SI units. The policy's settings ``colour``,
-    ``tool_frame``, ``joints`` and ``velocity`` select optional inputs.
+    """Inputs of the network, in the policy's frame (see the module) and SI units; settings select the optional ones.
 
     Attributes:
         cloud: (B, T, N, C) points. The channels are x, y, z (m), then red, green, blue (0 to 1) if ``colour`` is set,
             then the coordinates in the tool frame (m) if ``tool_frame`` is set.
-        proprio: (B, T, P) state of the robot. The P values are, in this order: the arm's joint positions (if ``joints``
-            is set), the arm's joint velocities (if ``velocity`` is set), the tool's position, the tool's rotation as
-            six numbers, the gripper's width, and the last gripper command. With the frame setting ``turned``, the
-            position of the first joint is given relative to the present position of this joint.
+        proprio: (B, T, P): arm joints (with ``joints``), their velocities (with ``velocity``), tool position, tool
+            rotation as six numbers, gripper width, last gripper command. With the frame ``turned``, the first joint is
+            relative to its present position.
     """
 
     cloud: torch.Tensor
@@ -77,8 +73,7 @@ def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) 
     """Convert observations to the inputs of the network.
 
     Args:
-        seen: arrays of the observations by name (the names in ``SEEN``). Each array has the shape (B, T, ...), and
-            poses and points are in the base frame.
+        seen: observation arrays (B, T, ...) named as in ``SEEN``; poses and points in the base frame.
         arm: number of the arm's joints. These joints come first in the arrays of joint positions and velocities.
     """
     state = seen[STATE]
@@ -135,8 +130,7 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
 
 
 def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
-    """Check that a policy with the frame setting ``turned`` can control this robot. In the ``turned`` frame, inputs
-    rotate with the robot's first joint, so this joint must rotate about the z axis of the base.
+    """Check that a ``turned`` policy fits this robot: its first joint must rotate about the base's z axis.
 
     Raises:
         InputError: the first joint rotates about a different axis; train with the frame setting ``base`` instead.

@@ -1,7 +1,6 @@
 """Predict places, such as the place where the hand acts, with heatmaps over the points of a cloud.
 
-A heatmap has a weight for each point. The predicted place is the weighted mean of all points, and each point is first
-shifted by a predicted offset.
+The predicted place is the mean of all points, shifted by predicted offsets and weighted by the heatmap.
 """
 
 from __future__ import annotations

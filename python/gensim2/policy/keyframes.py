@@ -44,9 +44,8 @@ def taught_frames(
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (T,) of the frames that are used for training.
 
-    Frames before the arm starts and after it has stopped look alike and would teach the policy to wait, so most of them
-    are left out. Frames in which the fingers move before the arm starts are kept, because the policy must learn these
-    motions, too.
+    Most frames before the arm starts and after it stops are left out: they look alike and would teach waiting. Frames
+    in which the fingers move before that are kept.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
@@ -65,11 +64,9 @@ def taught_frames(
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
-    """Return, for each frame of an episode, the frame numbers of the next ``count`` keyframes as an array (frames,
-    count).
+    """Return the numbers of each frame's next ``count`` keyframes, (frames, count).
 
-    Only later keyframes count: at a keyframe, the list starts with the keyframe after it. If fewer than ``count``
-    keyframes remain, the number of the last keyframe is repeated.
+    A keyframe's list starts with the keyframe after it; if too few remain, the last is repeated.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]

@@ -29,8 +29,7 @@ class Stopwatch:
     """Measures how long each stage of a repeated computation takes.
 
     Args:
-        stages: names of the stages, in the order in which they run. The stopwatch also measures all stages together, as
-            the stage ``total``.
+        stages: names of the stages in order; all together are measured as ``total``.
     """
 
     def __init__(self, *stages: str) -> None:
@@ -83,12 +82,10 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the latency of decisions with batch size 1 in a simulated scene. For the head ``keypose`` the time of the
-    planner is not included.
+    """Measure the latency of decisions, batch size 1, in a simulated scene; for ``keypose`` without the planner.
 
-    In the stage ``observation`` the cameras are simulated, the point cloud is computed, and the robot's state is read.
-    In the stage ``inputs`` the observation is transformed into the policy's frame. In the stage ``network`` the network
-    computes its output. The stage ``total`` is the sum of these stages.
+    Stages: ``observation`` (cameras, point cloud, state), ``inputs`` (transformation into the policy's frame),
+    ``network``, and their sum ``total``.
 
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.

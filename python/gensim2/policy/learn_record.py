@@ -29,29 +29,22 @@ REFUSED = "give a folder that gensim2 learn has made"
 
 
 class LearnRecord(RunSettings):
-    """Content of ``learn.json``: the arguments and the progress of a ``gensim2 learn`` run. A resumed run must have the
-    same arguments.
+    """Content of ``learn.json``: arguments, which a resumed run must share, and progress.
 
     Attributes:
         minutes: limit of the CPU time for data and training, min.
-        objects: number of generated training objects of each class; None if the run trains on the objects that
-            ``scene`` selects.
+        objects: number of generated training objects of each class; None: the objects of ``scene``.
         generated: number of generated objects of each class in addition to the objects of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
         engines: ``"both"`` if only demonstrations that succeed in both physics engines are used.
         noise: depth noise of the cameras; None for exact depth.
-        text, text_model: text encoder of a policy for several tasks, and the encoder's weights, both as given by the
-            user.
+        text, text_model: text encoder of a policy for several tasks, and its weights, as given.
         settings: network and training settings that the user gave.
-        start: folder of the policy that training starts from, and the SHA-256 of its ``config.json``; None for training
-            from scratch.
+        start: folder of the starting policy and the SHA-256 of its ``config.json``; None: from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: number of gradient steps of each policy. The key is the policy's folder. The number is fixed when the
-            training of the policy starts.
-        data_cpu_s: CPU time (s) that the demonstrations of each policy took, including copied demonstrations. The key
-            is the policy's folder.
-        episodes: number of demonstrations of each task, for each policy that predicts action chunks. The key is the
-            policy's folder.
+        steps: gradient steps by policy folder, fixed when the policy's training starts.
+        data_cpu_s: CPU time (s) of demonstrations, also copied ones, by policy folder.
+        episodes: number of demonstrations of each task, by folder of action-chunk policies.
     """
 
     FREE = frozenset({"steps", "data_cpu_s", "episodes", "demonstrations_of", "start"})
@@ -112,12 +105,10 @@ class LearnRecord(RunSettings):
 class LearnFolder(ResumableFolder[LearnRecord]):
     """Folder of a ``gensim2 learn`` run.
 
-    The run also trains its policies in this folder, and training locks the folder with the usual lock file. Therefore
-    the run locks the folder with another lock file.
+    Training locks this folder, too, with the usual lock file, so the run uses another lock file.
 
     Raises:
-        InputError: the folder contains a run with other arguments or a policy from another command. The error is also
-            raised if the folder contains a run and ``resume`` is false.
+        InputError: a run with other arguments, a policy of another command, or a run although ``resume`` is false.
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:

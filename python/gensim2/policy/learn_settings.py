@@ -59,8 +59,7 @@ def learn_configs(
         file: file that contains the settings, for error messages.
 
     Raises:
-        InputError: a field is unknown or invalid, belongs to another kind of policy, or must not be given because
-            ``learn`` sets it; the message names file and field.
+        InputError: a field is unknown, invalid, of another kind of policy, or set by ``learn``.
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:
@@ -82,8 +81,7 @@ def learn_configs(
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
     """Return the observation spec that a policy needs.
 
-    The kind of head and the source of the point cloud determine the spec. Only the number of points in a cloud can be
-    set freely, in the policy's settings.
+    Head and source of the cloud determine the spec; only a cloud's number of points can be set, in the settings.
 
     Raises:
         InputError: camera noise is requested, but the policy's encoder does not use depth images.

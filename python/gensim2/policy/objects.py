@@ -13,8 +13,7 @@ from gensim2.rollout.inputs import TaskInput, has_instances, read_all_task_input
 def unseen_instances(given: Sequence[TaskInput]) -> str:
     """Return the name of a set of objects that training on the given tasks did not use.
 
-    The function first tries the set ``test``, or the set ``test-N`` if training used the set ``train-N``. If this set
-    does not have objects of all classes, the function tries the set ``new``.
+    It tries ``test`` (``test-N`` after training on ``train-N``), then, if a class has no such objects, ``new``.
 
     Raises:
         InputError: neither set has objects of all classes.

@@ -1,18 +1,14 @@
 r"""Predict the hand's poses at its next keyframes, and pass each prediction to the trunk as a token.
 
-If the features of a point cloud are max-pooled, the positions of the points are lost. Therefore this module predicts
-the hand's poses from the points themselves, in two stages.
+Max-pooling features would lose positions, so poses are predicted from the points, in two stages.
 
-The first stage predicts a place for each keyframe from a subset of the points. At each point :math:`x_i` it predicts a
-weight :math:`w_i` (a heatmap over the points) and an offset :math:`o_i`. The predicted place is the weighted mean
-:math:`p = \sum_i w_i (x_i + o_i)`.
+The first stage predicts each keyframe's place from a subset of points :math:`x_i`, with weights :math:`w_i` (a heatmap)
+and offsets :math:`o_i`: :math:`p = \sum_i w_i (x_i + o_i)`.
 
-The second stage refines the positions of all keyframes and predicts the hand's rotations. It uses the points of the
-full cloud that are close to the predicted place of one keyframe, the keyframe with the index ``LOOKED_AT``. Its inputs
-are the coordinates of these points and Fourier features of the coordinates.
+The second stage refines all positions and predicts rotations from the full cloud's points near the predicted place of
+keyframe ``LOOKED_AT``, by their coordinates and Fourier features.
 
-All coordinates are in the tool frame. In this frame, the position of a keyframe is the motion that the hand still has
-to make.
+Coordinates are in the tool frame, where a keyframe's position is the motion that is left.
 """
 
 from __future__ import annotations
@@ -51,8 +47,7 @@ class Pointed:
     """Predictions of both stages for B samples and K keyframes, in the tool's frame.
 
     Attributes:
-        tokens: (B, K + 1, D) tokens for the trunk: one token for each keyframe, and a token with the features of the
-            points that the second stage uses.
+        tokens: (B, K + 1, D) tokens: one for each keyframe, one with the second stage's point features.
         points: (B, P, 3) points that the first stage uses, m.
         logits: (B, P, K) logits of the heatmaps.
         places: (B, K, 3) positions predicted by the first stage, m.

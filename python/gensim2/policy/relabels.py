@@ -1,11 +1,9 @@
 """Create labels for DAgger: a label is a state that the policy visited, with the planner's actions from this state.
 
-At the start of an episode the planner chooses a strategy and a hand pose at the contact. While the policy acts, the
-planner plans the step again every ``EVERY`` control steps, from the arm's current state. If the new plan has the same
-strategy and contact pose as the first plan, the state and the plan become a label.
+At the start the planner chooses a strategy and a contact pose. While the policy acts, the planner plans again every
+``EVERY`` control steps; if strategy and contact pose are still the same, state and plan become a label.
 
-Labelling ends when the hand reaches the approach pose, or when the object moves. From a later state a new plan would
-first move away from the object and then approach it again. Demonstrations contain no such motion.
+Labelling ends at the approach pose or when the object moves; later plans would first move away, unlike demonstrations.
 """
 
 from __future__ import annotations
@@ -73,8 +71,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
-        Arrays of S labels by name, as in a training batch. They are the observation arrays in ``frames.SEEN``, of shape
-        (S, T, ...), and ``action`` (S, H, m + 2). S may be 0.
+        Arrays of S labels (maybe 0) by name: observations ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2).
 
     Raises:
         InputError: the checkpoint cannot be used.
@@ -129,9 +126,8 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Plan again from the current state, and return the actions (H, m + 2) of the new plan. Return None if the new plan
-    is incomplete, if it makes contact too early, or if its contact pose differs from the contact pose of the first
-    plan.
+    """Return the actions (H, m + 2) of a new plan from the current state; None if it is incomplete, touches too early,
+    or has another contact pose than the first.
     """
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
@@ -236,8 +232,7 @@ class RelabelledSource:
 
     Args:
         demonstrations: the demonstrations.
-        relabels: labels, one element for each task and DAgger round; their instructions must occur in the
-            demonstrations.
+        relabels: labels of each task and DAgger round; demonstrations must have their instructions.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:

@@ -29,10 +29,9 @@ PATIENCE_S = 10.0
 class Replicas:
     """Replicas of a network in separate processes.
 
-    In each step the replicas get the network's weights and compute gradients. The mean of their gradients is then
-    stored in the network's parameters, for the optimizer. Weights and gradients are exchanged through the host's shared
-    memory, which takes milliseconds for a few million weights. Each replica has its own copy of the training data, and
-    stores nothing from one step to the next.
+    In each step the replicas get the network's weights and compute gradients, whose mean goes to the network's
+    parameters. Weights and gradients pass through shared memory, in milliseconds. Each replica has its own copy of the
+    data and stores nothing between steps.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.

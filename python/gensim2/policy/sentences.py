@@ -19,8 +19,7 @@ Unknown = Literal["parse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether the policy encodes instructions that it was not trained on. Otherwise it parses them, and uses the
-    training instruction with the same steps.
+    """Return whether unknown instructions are encoded; else they are parsed to find one with the same steps.
 
     Args:
         word: value of the option ``unknown_sentences``.
@@ -58,8 +57,7 @@ def taught_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path) -> st
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check ``says``, a mapping from instructions to the instructions that replace them, and return the mapping. If
-    ``says`` is None, return an empty mapping.
+    """Check and return ``says``, which maps instructions to their replacements; empty for None.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -83,13 +81,11 @@ def sentence_row(
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.
-        text_model: folder or Hugging Face name of the text encoder's weights; required for weights that are not a
-            default of gensim2.
+        text_model: folder or Hugging Face name of the text encoder's weights, if not gensim2's default.
 
     Raises:
-        CheckpointError: ``embed`` is false, and the instruction is not understood or has other steps than the training
-            instructions. The error is also raised if the checkpoint names weights that are neither a default of
-            gensim2 nor equal to ``text_model``.
+        CheckpointError: without ``embed`` an instruction that is not understood or has other steps than trained ones;
+            or weights that are neither gensim2's default nor ``text_model``.
         InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"

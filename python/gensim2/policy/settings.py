@@ -21,8 +21,7 @@ def setting(
     """Return a dataclass field with its help text and its allowed values.
 
     Args:
-        default: default value, which also determines the type of the field. A field with the default None accepts an
-            integer or None.
+        default: default value and so type of the field; None allows an integer or None.
         text: help text of the field and of its command-line option.
         choices: allowed strings.
         low, high: inclusive bounds of a number.

@@ -41,9 +41,8 @@ class Source(Protocol):
             size: B, number of samples.
 
         Returns:
-            Tensors by name: the observations in the base frame, which have the names in ``frames.SEEN`` and the shapes
-            (B, T, ...); the index ``sentence`` of each sample's instruction; and the targets of the head in the
-            policy's frame.
+            Tensors by name: observations ``frames.SEEN`` (B, T, ...), base frame; the index ``sentence`` of each
+            instruction; and the head's targets, policy frame.
         """
         ...
 

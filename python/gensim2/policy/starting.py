@@ -32,8 +32,7 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         noise: requested camera noise.
 
     Raises:
-        InputError: the policy cannot be read, is not a keypose policy of several tasks, already knows one of the tasks,
-            or was trained with another robot or other observations.
+        InputError: no readable keypose policy of several tasks, a task that it knows, or another robot or observation.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":

@@ -61,15 +61,13 @@ OVERHEAD = 1.15
 def seconds_a_step(
     source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
 ) -> float:
-    """Measure how long a gradient step takes (s). The result is the median time of steps with a temporary network,
-    multiplied by ``OVERHEAD``.
+    """Measure the time of a gradient step (s): median with a temporary network, times ``OVERHEAD``.
 
     The first steps are not counted, because they take up to four times as long as later steps.
 
     Args:
         source, policy, training: settings of the training.
-        devices: devices that divide a batch. On CPUs the result is CPU time, summed over all devices; on GPUs it is
-            wall time.
+        devices: devices that divide a batch; the result is CPU time over all, or wall time on GPUs.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways

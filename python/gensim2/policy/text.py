@@ -1,8 +1,7 @@
 """Encode an instruction as one token, an input vector of the policy's transformer (:mod:`gensim2.policy.trunk`).
 
-Encoding has two parts. First, :func:`prepare` converts instructions to rows of a table, without gradients. Then a
-network module, which is trained with the policy, converts a row to a token. A checkpoint contains the rows of its
-training instructions. Therefore the weights of a pretrained encoder are needed only for new instructions.
+:func:`prepare` converts instructions to rows of a table without gradients; a module trained with the policy converts a
+row to a token. A checkpoint has its instructions' rows, so pretrained weights are needed only for new ones.
 """
 
 from __future__ import annotations
@@ -51,8 +50,7 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
     Args:
         sentences: S, number of instructions.
-        found: shape of the table in a checkpoint file. It is needed only for pretrained text encoders, whose embedding
-            length is not in the config.
+        found: shape of a checkpoint's table, for pretrained encoders, whose length is not in the config.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))
@@ -105,10 +103,9 @@ def pieces(sentence: str) -> torch.Tensor:
 class SmallText(nn.Module):  # type: ignore[misc]
     """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
-    For each word, the embeddings of the word and of its trigrams are averaged. The input of an MLP is the mean and the
-    maximum of these averages over the words of the instruction. A word that does not occur in the training instructions
-    has a meaningless embedding, but it can share trigrams with words of the training instructions. With tokens of size
-    192, the encoder has about 200,000 parameters.
+    The embeddings of a word and its trigrams are averaged; an MLP gets the mean and maximum over words. A new word's
+    embedding is meaningless, but it may share trigrams with known ones. With tokens of size 192 there are about 200,000
+    parameters.
 
     Args:
         width: size of the token.

@@ -129,21 +129,17 @@ def train_policy(
 ) -> TrainResult:
     """Train a policy and write its checkpoint with the averaged weights of the last step.
 
-    On the same CPU model, with the same number of threads and devices, a resumed run produces the same bytes as an
-    uninterrupted run.
+    With the same CPU model, threads and devices, a resumed run gives the bytes of an uninterrupted one.
 
     Args:
         config: settings of the network; with ``start``, the settings of the starting policy.
-        out: folder of the checkpoint. Its subfolder ``training/`` contains the state of the training run and the loss
-            curves.
-        start: checkpoint from which the training takes the initial weights and the normalization. The state of the
-            optimizer is new.
+        out: checkpoint folder; ``training/`` has the state of the training and the loss curves.
+        start: checkpoint with the initial weights and normalization; the optimizer's state is new.
         resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`; each batch is divided among several devices.
 
     Raises:
-        InputError: settings and data do not fit together, ``out`` contains another training run, or another process
-            uses ``out``.
+        InputError: settings and data do not fit, or ``out`` has another training or is in use.
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
@@ -273,8 +269,7 @@ def take_steps(
         folder: folder for the state and the loss curves.
         identity: all settings and data that determine the result of the run.
         progress: listener.
-        more_cpu_s: function that returns the CPU time (s) that other processes have spent since the start of this
-            function.
+        more_cpu_s: function that returns other processes' CPU time (s) since the start.
 
     Raises:
         InputError: the loss is not finite, or computing the gradients failed; the state is written first.

@@ -54,8 +54,7 @@ class Identity:
     """Settings and data that determine the result of a training run.
 
     Attributes:
-        parts: plain data by name. Of the parts ``"policy"`` and ``"training"``, every setting is stored. Of every other
-            part, only the SHA-256 is stored.
+        parts: plain data by name; of ``"policy"`` and ``"training"`` all settings are stored, of others the SHA-256.
     """
 
     parts: Mapping[str, Any]

@@ -1,8 +1,7 @@
 """Define the policy's transformer, which normalizes inside each residual branch (pre-LN).
 
-Its input is a sequence of tokens: a learned readout token, a token that encodes the instruction, and tokens that encode
-the point cloud and the robot's state at each observed time step. The output that belongs to the readout token
-represents the whole observation.
+Its input tokens are a learned readout token, the instruction, and the cloud and robot state of each observed step; the
+readout token's output represents the whole observation.
 """
 
 from __future__ import annotations

@@ -92,8 +92,7 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return an SRDF that disables collision checks for links that a joint connects, and for the pairs of links in
-    ``pairs``.
+    """Return an SRDF without collision checks for joined links and for ``pairs``.
 
     Example:
         ```python

@@ -18,12 +18,10 @@ FINGERTIP = 0.024
 
 
 def fetch_files() -> RobotFiles:
-    """Return ManiSkill's description of the Fetch robot, changed to a robot with a fixed base. The files are written to
-    the user's cache folder.
+    """Return ManiSkill's Fetch with a fixed base, written to the user's cache folder.
 
-    Head and torso are fixed, and a new link represents the hand frame. Simulators count the full turns of a continuous
-    joint differently. Therefore the three continuous joints are limited to half a turn in either direction. With these
-    limits the hand still reaches every orientation.
+    Head and torso are fixed, and a new link is the hand frame. The three continuous joints, whose turns simulators
+    count differently, are limited to half a turn, with which the hand still reaches every orientation.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -48,8 +46,7 @@ def fetch_files() -> RobotFiles:
 def fetch() -> RobotProfile:
     """Return the profile; drives and friction are those of ManiSkill's agent.
 
-    The robot stands on the floor, 0.6 m below the table's top, with its wheels under the table and its torso at the
-    edge.
+    It stands on the floor, 0.6 m below the table's top, wheels below the table, torso at its edge.
     """
     return RobotProfile(
         name="fetch",

@@ -40,8 +40,7 @@ def fixed_base(
         standing: names of the joints to fix, with the joint values (rad or m) at which they are fixed.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
-        hand: name of the new hand link. It has no geometry, lies at the palm's origin, and becomes the parent of the
-            palm.
+        hand: name of the new hand link at the palm's origin, without geometry, the palm's parent.
         pitch: pitch of the hand in the palm's frame, rad.
         tool: name of the new tool link, added without geometry on the hand's z axis.
         tool_at: position of the tool link along the hand's z axis, m.
@@ -69,8 +68,7 @@ def fixed_base(
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
     """Return the text of an SRDF file, extended by pairs of links whose collisions are ignored.
 
-    Collisions between neighbouring links are ignored by default. If a new link is inserted between two neighbours, they
-    are no longer neighbours. Then the SRDF must exclude the pair explicitly.
+    Neighbours' collisions are ignored; the SRDF must exclude pairs that an inserted link separates.
     """
     root = read_xml(srdf)
     for one, other in pairs:

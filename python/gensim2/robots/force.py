@@ -19,11 +19,10 @@ HALVINGS = 40
 class Yielding:
     """Shortens the targets of the arm's drives, so that the tool presses on an obstacle with a limited force.
 
-    The drives act as springs and dampers between the joints and their targets. If an obstacle holds the tool at the
-    measured joints ``q``, the force ``F`` (3,) on the obstacle is the one that moves the tool, against the springs,
-    from its position at the targets back to its position at ``q``: ``J K^-1 J^T F = J (targets - q)``, with the
-    Jacobian ``J`` (3, m) of the tool's position and the stiffness ``K`` of the drives. The force does not depend on the
-    obstacle's material, so no force sensor is needed.
+    The drives act as springs and dampers between joints and targets. The force ``F`` (3,) on an obstacle that holds the
+    tool at the measured joints ``q`` follows from ``J K^-1 J^T F = J (targets - q)``, with the tool's Jacobian ``J``
+    (3, m) and the drives' stiffness ``K``: it moves the tool against the springs from its targets' position to that of
+    ``q``. No force sensor is needed.
 
     The springs and the dampers together press with at most ``limit``. A moving arm may press harder for an instant, if
     it hits an obstacle before its next command: the dampers then do not act any more.
@@ -57,8 +56,7 @@ class Yielding:
         Args:
             q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
             asked: (m,) requested targets of the arm's drives, rad or m.
-            is_free: whether no contact is expected. The targets then lie on a straight line to the requested targets,
-                so that the arm does not leave a path that is free of collisions.
+            is_free: whether no contact is expected; targets then stay on the straight, collision-free line.
 
         Returns:
             Targets (m,), rad or m, and the distance of the tool's target from the requested one, m.
@@ -94,9 +92,8 @@ class Yielding:
     def _excess(self, jacobian: Array, stretched: Array, limit: float) -> Array:
         """Return the change (m,) of the springs that must be taken back so that the force keeps the limit.
 
-        Of all forces that keep the limit, the one is left whose target position of the tool is nearest to the requested
-        one. An almost stretched arm presses hard in the direction in which it is stretched, even if its targets lie
-        only millimetres ahead, and only these millimetres are then taken back.
+        Of all permitted forces, that of the nearest tool target is left. An almost stretched arm presses hard along its
+        stretch with targets only millimetres ahead; only these are taken back.
         """
         compliance, directions = np.linalg.eigh(self._compliance(jacobian))
         compliance = np.maximum(compliance, LEAST_COMPLIANCE)

@@ -43,8 +43,7 @@ class Gripper(Protocol):
         driven: names of the motorized joints; the command determines their target.
         fingers: names of the joints whose drives press the pads together; they are driven or follow a driven joint.
         mimics: joints that follow a driven joint, by name.
-        passive: names of joints that no motor drives and that rest at 0. In the URDF they have a ``mimic`` element with
-            multiplier 0.
+        passive: joints without a motor that rest at 0, with multiplier 0 of ``mimic`` in the URDF.
         pads: names of the links that touch a grasped object.
         travel_seconds: time for opening or closing the fingers.
         friction: static and dynamic friction coefficient of the pads' surface.
@@ -116,8 +115,7 @@ class Gripper(Protocol):
 
 @dataclass(frozen=True)
 class SlidingGripper:
-    """Gripper with two fingers that slide by equal distances. Each finger has its own motor, or one motor drives both
-    fingers.
+    """Gripper with two fingers that slide by equal distances, with a motor each or one for both.
 
     Attributes:
         joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`. If ``driven`` is empty,

@@ -11,12 +11,10 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """Return the paths of ManiSkill's description of the Panda. If ManiSkill is not installed, return the paths of a
-    copy in this package.
+    """Return the paths of ManiSkill's Panda, or of this package's copy without ManiSkill.
 
-    The copy is Franka's ``franka_description`` (Apache-2.0). It has the same joints, inertias and collision meshes as
-    ManiSkill's description, so both behave alike in simulation. Only the visual meshes differ: the meshes in ManiSkill
-    also have normals.
+    The copy is Franka's ``franka_description`` (Apache-2.0), with ManiSkill's joints, inertias and collision meshes, so
+    both behave alike; only its visual meshes have no normals.
     """
     if find_spec("mani_skill") is None:
         folder = Path(__file__).parent / "franka_description"

@@ -25,8 +25,7 @@ UNLIMITED = 1e10
 
 
 def panda_long_files() -> RobotFiles:
-    """Write a description of the Panda with long fingers into the user's cache folder, and return the paths of its
-    files.
+    """Write the Panda with long fingers to the user's cache folder, and return its paths.
 
     The description is ManiSkill's description of the Panda, in which each finger is replaced by a longer finger.
 

@@ -31,8 +31,7 @@ FINGER_KEYPOINTS = {
 
 
 def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict[str, Array]:
-    """Return the tool keypoints of a gripper with two fingers by name. Each keypoint is a position (3,) in the hand
-    frame, m.
+    """Return a two-finger gripper's keypoints by name, positions (3,) in the hand frame, m.
 
     Args:
         tip: distance of the fingertips from the hand's origin along z, m.
@@ -56,14 +55,12 @@ def _no_options() -> kpam.Options:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Space on and above the table that a robot occupies at the start of an episode. Objects are placed outside this
-    space. All lengths are in m.
+    """Space on and above the table that a robot occupies at the start and objects avoid, m.
 
     Attributes:
         base_half: half the side length of the square that the base occupies.
         hand_half: half the side length of the square below the hand.
-        hand_drop: how far the space that the hand occupies extends below the rest pose of the tool. Objects in the
-            square below the hand must be lower than this space.
+        hand_drop: how far the hand's space extends below the tool at rest; objects below it must be lower.
     """
 
     base_half: float
@@ -93,14 +90,12 @@ class Simulation:
     """Parameters for simulating a robot. In simulation, PD drives take the place of the motors.
 
     Attributes:
-        agent: name of the ManiSkill agent, ManiSkill's class for a robot. Recorded states contain this name. If
-            ManiSkill has no agent of this name, :mod:`gensim2.sim.agents` creates the agent from the profile.
+        agent: ManiSkill agent, named in recorded states; :mod:`gensim2.sim.agents` creates one that ManiSkill lacks.
         arm: one drive for all arm joints, or a tuple with one drive for each joint.
         gripper: drive of the driven gripper joints.
         mimic: drive of the joints that follow the driven gripper joints. A stiff drive represents a rigid transmission.
         passive: drive of the joints without a motor, which acts as a spring that pulls the joint to 0.
-        tendons: whether PhysX couples the mimic joints of the URDF by fixed tendons, as in ManiSkill's own agents.
-            Joints in ``gripper.mimics`` need no tendons, because their drives follow the driven joints.
+        tendons: whether fixed tendons couple the URDF's mimic joints in PhysX; ``gripper.mimics`` need none.
         physics_hz: simulation rate in Hz; a multiple of the control rate.
     """
 
@@ -148,8 +143,7 @@ class RobotFiles:
 
     Attributes:
         urdf: URDF file.
-        srdf: SRDF file with the pairs of links that never touch. It has the name and folder of the URDF, because
-            simulators look for it there.
+        srdf: pairs of links that never touch; with the URDF's name and folder, where simulators look.
     """
 
     urdf: Path
@@ -162,8 +156,7 @@ class RobotProfile:
 
     An action is (m + 1,): targets of the m arm joints in rad or m, and the gripper from -1 (closed) to 1 (open).
 
-    Every robot has the same hand frame: z points along the fingers, and the fingers open along y. A solver config
-    therefore describes the same motion for every robot.
+    Every hand frame has z along the fingers, which open along y, so a config fits every robot.
 
     Attributes:
         name: name of the robot, as given to the option ``--robot``.
@@ -293,12 +286,10 @@ class RobotProfile:
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
         """Return the limits of the arm's joints from the solver options.
 
-        If the solver options have no velocity limits, the function returns the velocity limits of the URDF. If they
-        have no acceleration or jerk limits, the function returns the limits in its arguments.
+        Without limits in the solver options, velocities are the URDF's, acceleration and jerk the arguments.
 
         Args:
-            acceleration, jerk: limits to use if the solver options contain none, as arrays (m,) or as one number for
-                all joints.
+            acceleration, jerk: limits (m,), or one number, if the solver options have none.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -346,13 +337,11 @@ class RobotProfile:
     def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
         """Return joint targets that compensate the tracking delay of the simulated drives.
 
-        The target of a control step is the desired position of a later step, so that the delayed joint is in the right
-        position at the right time.
+        A step's target is the desired position of a later step, so that the delayed joint is right in time.
 
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) integers. Each control step is part of a motion. Its number in ``ends`` is the index of the last
-                control step of this motion, and its target is not taken from a later step.
+            ends: (N,) index of the last step of each step's motion; no target comes from a later step.
 
         Returns:
             (N, m) joint targets, one row for each control step.

@@ -54,8 +54,7 @@ def register_robot(make: _Made) -> _Made:
             return RobotProfile(...)
         ```
 
-    Worker processes load the function's file or module again. Define the function at module level, and guard other code
-    of the file with ``if __name__ == "__main__"``.
+    Workers load the file or module again: define the function at module level, and guard other code with ``__name__``.
 
     Args:
         make: function without arguments that returns the profile.

@@ -58,8 +58,7 @@ class WorldCount:
     A mutated world is a successful end state in which one thing was changed so that the task is not done.
 
     Attributes:
-        step: name of the step whose criteria ``done`` are evaluated; None if the criteria of the task's goal are
-            evaluated.
+        step: step whose criteria ``done`` are evaluated; None: those of the task's goal.
         mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
         subject: name of the object that was changed; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
@@ -146,9 +145,8 @@ class CheckerResult:
     def summary(self) -> dict[str, Any]:
         """Return the totals as JSON data, without the counts for each mutation.
 
-        The totals are the number of scenes, the number of mutated worlds, the number and fraction of mutated worlds in
-        which the goal wrongly holds, the number of successful end states, and the number of these in which the goal
-        holds.
+        Totals: scenes, mutated worlds, number and fraction of those in which the goal wrongly holds, successful end
+        states, and those in which it holds.
         """
         fooled, worlds = total(self.of_goal)
         done, built = self.recognized

@@ -50,22 +50,18 @@ class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """Options for all episodes of a run, except the options of the scenes
-    (:class:`~gensim2.scenes.config.SceneOptions`).
+    """Options for all episodes of a run, without those of the scenes (:class:`~gensim2.scenes.config.SceneOptions`).
 
     Attributes:
         open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
-        one_plan: whether to plan each step only once, with its first strategy. Deviations are recorded, but the
-            controller does not react.
+        one_plan: whether each step is planned once, with its first strategy; deviations are only recorded.
         disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
         attempts: maximum number of attempts from the same initial scene. No attempt follows a success.
         noise: standard deviation (rad) of noise that is added to joint targets during random periods of an episode.
             Recordings contain the noise-free action, too.
-        engines: ``"both"`` also runs each demonstration in the other physics engine; the demonstration must succeed in
-            both.
-        scene_source: with ``"true"`` the planner knows the state of the simulator. With ``"perceived"`` the planner's
-            scene is computed from point clouds, by the estimator of the package. Any other value is the folder of an
-            estimator (``gensim2 perceive train``).
+        engines: ``"both"`` also runs each demonstration in the other engine, in which it must succeed, too.
+        scene_source: ``"true"``: the simulator's state; ``"perceived"``: an estimate from clouds by the package's
+            estimator; else the folder of an estimator (``gensim2 perceive train``).
         depth_noise: noise of the depth cameras from which a scene is estimated, as for
             :func:`~gensim2.perception.noise.read_noise`. With None the depth images are exact.
 
@@ -123,8 +119,7 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Configuration of a task's episodes, as plain values that can be pickled. The strategies and the seed of an
-    episode are given separately.
+    """Configuration of a task's episodes, as picklable plain values, without strategies and seed.
 
     Attributes:
         scene: settings of the task's scenes.

@@ -102,11 +102,9 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the controller's name, arguments, source and dependencies. A run can be resumed only with a
-        controller that has the same SHA-256.
+        """SHA-256 of the controller's name, arguments, source and dependencies, which a resumed run must share.
 
-        Dependencies are the files that the class's static method ``depends_on`` returns for the arguments. The hash
-        does not include folders, so source files and checkpoints may be moved.
+        Dependencies are files from the static method ``depends_on``; folders do not count, so files may move.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
@@ -134,8 +132,7 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task. The specification of a controller that estimates the scene contains the task. Any other
-            controller gets the task when it is created.
+        task: the task, in the specification only if the controller estimates scenes; others get it on creation.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
         robot_name: name of the robot.

@@ -70,8 +70,7 @@ def is_counted(instances: str) -> bool:
 def hashes(given: TaskInput) -> list[str]:
     """Return hashes of a few generated objects of each class. The list is empty for a task without generated objects.
 
-    A resumed run compares the hashes with the hashes of the interrupted run. A difference shows that the generator has
-    changed.
+    A resumed run compares the hashes; a difference shows a changed generator.
     """
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):

@@ -1,7 +1,6 @@
 """Find out why an episode failed, and describe the cause with measured values.
 
-The steps of the task are checked in order, up to the first step that was not done. Its cause of failure is the first
-entry of this list that exists:
+Steps are checked up to the first that was not done; its cause is the first of:
 
 1. the last deviation from the plan that the controller reported in this step;
 2. a fault of the step's last plan;

@@ -46,8 +46,7 @@ class Disturbed(WrappedController):
         controller: controller that gives the actions. It is not informed about the disturbance.
         world: world in which the controller acts.
         task: the task. If no step acts on a rigid object, no disturbance occurs.
-        kind: ``"push"`` moves the object by 3 cm before the hand touches it. ``"drop"`` opens the fingers while they
-            carry the object.
+        kind: ``"push"``: 3 cm before the hand touches the object; ``"drop"``: opens the carrying fingers.
         seed: seed of the episode, which determines the time and the direction of the disturbance.
     """
 

@@ -21,9 +21,8 @@ THINKING_SHARE = 0.8
 class Asked:
     """Gets actions from a controller without making the robot wait too long.
 
-    A simulated robot waits for the controller. A real robot needs an action in every control step. If the controller
-    needs more time, the arm repeats its last command; before the first command it stays at its position. The arm moves
-    only a little during this time, so the late action still fits the state that the controller observed.
+    A simulated robot waits; a real one needs an action in every control step. Meanwhile it repeats its last command, or
+    stays before the first. It moves only a little, so the late action still fits.
 
     Args:
         controller: controller that computes the actions.

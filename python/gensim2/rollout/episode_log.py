@@ -76,8 +76,7 @@ class EpisodeLog:
     def forget(self, index: int) -> None:
         """Remove an episode from ``done``, so that the episode is run again.
 
-        The old line stays in the file until the file is rewritten, but the line of the repeated episode takes
-        precedence.
+        The old line stays until the file is rewritten, but the repeated episode's line counts.
         """
         del self.done[index]
 
@@ -97,8 +96,7 @@ def log_line(entry: Episode) -> bytes:
 
 
 def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
-    """Yield the episodes of a log one by one, so that only one episode is in memory; yield None for an incomplete last
-    line.
+    """Yield a log's episodes one by one, with one in memory; None for an incomplete last line.
 
     Args:
         path: path of the log.

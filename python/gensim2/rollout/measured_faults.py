@@ -57,8 +57,7 @@ def fault_of_criterion(
         step: step to diagnose.
         measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
-        surfaces: surfaces of the objects. If the hand did not move an object, the fault contains the smallest distance
-            between the hand and the object's surface.
+        surfaces: objects' surfaces, for the distance of the hand from an object that it did not move.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
         return Cause.OBJECT_DRIFTED, {"distance": moved}

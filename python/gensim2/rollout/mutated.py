@@ -1,13 +1,10 @@
-"""Test success criteria: build worlds in which a task is not done, and count how often the criteria say that it is
-done.
+"""Test success criteria: count how often they hold in worlds in which the task is not done.
 
-A successful end state is built from the steps of the task and the shapes of the objects. Then one thing in this state
-is changed: for example, a joint stays at its start, or an object lies beside its goal. Each kind of change
-(:class:`Mutation`) states why the task is then not done.
+One thing in a successful end state, built from steps and shapes, is changed: a joint stays at its start, or an object
+lies beside its goal. Each :class:`Mutation` states why the task is then not done.
 
-The count is meant to show whether the thresholds of the criteria are right. Therefore the worlds must not depend on the
-thresholds. The mutations use only the types of the criteria: whether a joint must be opened, closed or left ajar, and
-in which direction an object must be moved.
+The count shows whether thresholds are right, so worlds must not depend on them: mutations use only the types of
+criteria, such as whether a joint opens or closes, or an object's direction.
 """
 
 from __future__ import annotations
@@ -92,8 +89,7 @@ class _State:
 
     Attributes:
         objects: objects with their poses.
-        carried: rigid objects that lie in articulated objects. It maps the name of the rigid object to the name of the
-            articulated object.
+        carried: rigid objects in articulated ones, name to name.
         hand: (3,) point between the fingertips, m; None at the start of the episode.
     """
 
@@ -124,8 +120,7 @@ class _Mutant:
         mutation: kind of change that makes the step undone.
         subject: name of the object that the change concerns.
         state: changed state of the scene.
-        settles: whether objects may fall in this state. The state is then simulated before the success criteria are
-            evaluated.
+        settles: whether objects may fall, so that the state is simulated before criteria are evaluated.
     """
 
     mutation: Mutation
@@ -236,8 +231,7 @@ class _Worlds:
     def _final_steps(self) -> list[Step]:
         """Return, for each object, the last step that determines the object's state at the end.
 
-        An object that is opened only to put in or take out a rigid object is left out, because its final openness does
-        not matter.
+        Objects opened only to put in or take out a rigid one are left out: their final openness does not matter.
         """
         final: dict[str, Step] = {}
         for step in self._task.steps:
@@ -254,8 +248,7 @@ class _Worlds:
     def _without(self, name: str, states: Sequence[_State]) -> list[Measurement] | None:
         """Return the measurements of an episode in which all steps except ``name`` succeed, and ``name`` is left out.
 
-        The result is None if the step moves no joint, if the joint was already near its target, or if the states of
-        such an episode cannot be built.
+        None if the step moves no joint, the joint was already near its target, or states cannot be built.
         """
         steps = self._task.steps
         step = next(step for step in steps if step.name == name)
@@ -271,8 +264,7 @@ class _Worlds:
 
         Args:
             step: the step that is not done.
-            before: state before the step. The mutations take the original position of the step's object from this
-                state.
+            before: state before the step, with the original position of its object.
             after: state in which the step is done.
         """
         if (motion := self._task.motion_of(step)) is not None:
@@ -409,9 +401,8 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return a copy of the measurement ``found`` with two values that the success criteria need. The start
-        positions of the objects are set to their positions in the initial state of the scene. The position of the hand
-        is set to ``hand``, or to the hand's start position if ``hand`` is None.
+        """Return a copy of ``found`` with the objects' start positions of the initial state, and the hand's position
+        ``hand``, or its start if None.
         """
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)
@@ -431,9 +422,7 @@ def _wanted(motion: JointCriterion) -> float:
 def _put(state: _State, name: str, goal: str) -> _State | None:
     """Put a rigid object on or in another object, and place the hand at the rigid object.
 
-    If the object does not fit there and the other object is not a container, the object is put on the table, below the
-    point of the other object that the success criteria measure. Return None if the object does not fit into a
-    container.
+    If it does not fit there, it is put on the table below the other object's measured point; None for a container.
     """
     thing, target = state.objects[name], state.objects[goal]
     opened = replace(target, openness=1.0) if target.openness is not None else target

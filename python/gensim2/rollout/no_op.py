@@ -74,16 +74,14 @@ def no_op_baseline(
 ) -> NoOpResult:
     """Simulate the scene of a seed without the arm, and return whether the goal is reached without any action.
 
-    The simulation omits the arm: an arm at rest touches nothing, and a simulation without it is ten times faster. After
-    ``steps`` control steps, the simulation continues until the scene is at rest. If no object moves in the first
-    ``UNMOVED_SECONDS``, no object will move later, so the simulation ends at this time.
+    The arm is omitted: at rest it touches nothing, and the simulation is ten times faster. After ``steps`` it continues
+    until the scene is at rest; it ends if nothing moves in the first ``UNMOVED_SECONDS``.
 
     Args:
         world: simulated world, which is reset first.
         seed: seed of the reset.
         options: options of the reset.
-        steps: number of control steps. By default it is the step limit of the task, reduced by the maximum time for the
-            scene to come to rest.
+        steps: control steps; default: the task's limit less the maximum time to come to rest.
     """
     steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
     longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)

@@ -19,9 +19,8 @@ SHARE = 0.5
 class Noisy(WrappedController):
     """Controller that sometimes adds noise to the joint targets of another controller.
 
-    The other controller does not know that noise is added to its actions. Time is divided into periods of equal length,
-    and a random part of the periods has noise. In such a period, each joint target gets an offset that rises from zero
-    to a random amplitude and falls back to zero, like half a sine wave. The noise-free action is recorded as
+    The other controller does not know of the noise. Time is divided into equal periods, random ones with noise: each
+    joint target gets an offset like half a sine wave of random amplitude. The noise-free action is
     ``reference/action``.
 
     Args:

@@ -81,8 +81,7 @@ class ObjectRecord:
         yaw: random rotation about the vertical, rad.
         openness_start, openness_end: openness of the joint at start and end; None for a rigid object or if not finite.
         pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
-        default_pose: source of the pose to which the random displacement was added: ``"default"`` (``"ours"`` in
-            earlier files) or ``"original"``. None if the pose was given.
+        default_pose: pose before displacement: ``"default"`` (earlier ``"ours"``) or ``"original"``; None if given.
         mass_factor, contact_friction_factor, joint_friction_factor: random factors on mass and friction.
     """
 
@@ -113,9 +112,8 @@ class PlanRecord:
         at_step: control step at which the plan was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         ran: number of control steps executed.
-        detail: measured values that explain why planning failed, for example the residuals that are too large, the
-            keyframe that the arm cannot reach, or the bodies that collide. Distances are in m or rad. Empty if planning
-            succeeded.
+        detail: measured values of a failed planning, such as residuals, an unreachable keyframe or colliding bodies, in
+            m or rad; empty after success.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -136,8 +134,7 @@ class StepRecord:
     Attributes:
         name: name of the step.
         plans: plans, oldest first. There is more than one plan after a deviation or a failed strategy.
-        paper: whether the step's criterion was met at any time while the step was executed, as the ``paper`` verdict
-            requires. It is true for a step without a criterion.
+        paper: whether the step's criterion was ever met during the step (``paper`` verdict); true without one.
         done: whether the step's criterion was met when the step ended.
     """
 
@@ -204,17 +201,13 @@ class Episode:
     Attributes:
         seed: seed of the reset.
         objects: objects by name.
-        placement_draws: number of times that random placements of the objects were sampled, until all objects were
-            apart and within reach.
+        placement_draws: number of samples until all objects were apart and within reach.
         steps: steps that were started.
         control_steps: number of executed control steps, including the steps in which the scene came to rest.
         paper: ``paper`` verdict: each step's criterion was met at some control step of this step.
-        held: ``held`` verdict, the success criterion: the goal is reached at the end, with the scene at rest, and is
-            not reached in the no-op baseline.
-        strict: ``strict`` verdict (docs/reference/episodes.md). ``strict_misses`` contains the reasons if the episode
-            does not pass.
-        still: whether the goal is reached in the no-op baseline, a simulation of the scene without the arm; None if the
-            baseline was not needed.
+        held: ``held`` verdict: the goal holds at the end, at rest, and not in the no-op baseline.
+        strict: ``strict`` verdict (docs/reference/episodes.md); ``strict_misses`` has the missed conditions.
+        still: whether the goal holds in the no-op baseline, without the arm; None if not needed.
         settled: whether the scene was at rest when the episode was evaluated. The ``held`` verdict requires this.
         truncated: whether the episode was longer than the task allows.
         cause: reason why the episode does not pass ``held``; None if it passes.
@@ -224,12 +217,10 @@ class Episode:
         attempts: all attempts from the same start, in order, if several attempts were allowed. All other fields
             describe the attempt that counts (:func:`gensim2.rollout.run.attempted`).
         disturbed_at: control step of the disturbance; None without a disturbance.
-        engines: verdicts in each engine if the episode ran in two physics engines; otherwise empty. An episode in two
-            engines passes a verdict only if it passes the verdict in both. The fields ``cause``, ``diagnosis``,
-            ``strict_misses`` and ``still`` then come from the first engine in which the episode fails. All other fields
-            come from the first engine.
-        index: position in the log or data set; -1 if the episode is in neither. A comparison of episodes ignores this
-            field.
+        engines: verdicts by engine if the episode ran in two, of which both must pass; else empty. ``cause``,
+            ``diagnosis``, ``strict_misses`` and ``still`` are the first failing engine's, other fields the first
+            engine's.
+        index: position in the log or data set, or -1; ignored in comparisons.
         episode_digest: SHA-256 of the episode's file; None without a file.
     """
 

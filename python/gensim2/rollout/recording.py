@@ -29,15 +29,12 @@ class Recording:
         control_mode: control mode of the actions, as in ManiSkill.
         actions: (T, m + 1) float32 actions.
         obs: (T + 1, D) float32 state observations.
-        env_states: float32 states (T + 1, ...) of all bodies, in nested mappings: ``actors`` (rigid bodies) by name,
-            and ``articulations`` by name.
+        env_states: float32 states (T + 1, ...) of bodies: ``actors`` and ``articulations`` by name.
         rewards: (T,) float32 rewards.
         terminated, truncated, success: (T,) bool flags.
-        reference: planned motion behind the actions, if the controller reports it, as float32 arrays (T, ...) by name.
-            ``joint_positions`` and ``joint_velocities`` have m values for the arm. ``tool_pose`` has 7 values in the
-            base frame. ``gripper`` has 2 values: the distance between the pads, m, and the force of each finger, N, or
-            NaN. If noise was added, ``action`` has the m + 1 values of the noise-free action. Steps without a reference
-            contain NaN.
+        reference: planned motion, if reported, as float32 arrays (T, ...): ``joint_positions`` and ``joint_velocities``
+            (m), ``tool_pose`` (7, base frame), ``gripper`` (2: pads' distance, m, and each finger's force, N), and with
+            noise the noise-free ``action`` (m + 1). NaN where unknown.
     """
 
     seed: int

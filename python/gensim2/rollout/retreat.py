@@ -64,8 +64,7 @@ def planned_retreat(
         world: planning world of the episode.
         scene: current scene.
         names: objects that the hand has acted on.
-        near: whether a keypoint of the hand is near these objects. If no keypoint is near, the function checks whether
-            another part of the hand touches the objects.
+        near: whether a hand keypoint is near these objects; if not, contact of other hand parts is checked.
 
     Returns:
         The motion; None if the hand is not near the objects, or no motion is found.

@@ -66,13 +66,11 @@ def run(
 ) -> EpisodeResult:
     """Run one episode and evaluate it.
 
-    The controller acts until it ends the episode or the task's step limit is reached. The episode also ends if all
-    objects have left the workspace, so that the point cloud is empty. Then the last command is kept until the scene is
-    at rest, and the episode is evaluated. The steps of this phase are part of the episode, so a replay ends in the same
-    state. If the goal is lost in this phase and time is left, the controller continues.
+    The controller acts until it ends the episode, the step limit, or an empty cloud. Then the last command is kept
+    until the scene is at rest, and the episode is evaluated; these steps belong to it, so a replay ends in the same
+    state. If the goal is lost meanwhile and time is left, the controller continues.
 
-    If the goal is reached at the end, two more simulations follow, which are not part of the episode: the scene is
-    simulated further for the ``strict`` verdict, and the no-op baseline is run.
+    After a reached goal two more simulations follow: on for the ``strict`` verdict, and the no-op baseline.
 
     Args:
         world: simulated world, which is reset for the episode and again for the no-op baseline.
@@ -80,12 +78,10 @@ def run(
         seed: seed of the reset.
         options: options of the reset.
         record: whether to store states and observations of every step.
-        stop: condition that ends the episode. With ``"controller"`` the controller must end the episode before the step
-            limit; otherwise the episode fails. With ``"goal"`` the episode also ends when the goal has been reached for
-            ``GOAL_SECONDS`` and is still reached after the scene has come to rest. If the goal is not reached, the
-            episode ends shortly before the step limit, so that the scene can come to rest, and is evaluated as usual.
-        still: function that returns the no-op baseline. Callers can pass a function that caches the result; by default
-            ``no_op_baseline`` is called.
+        stop: ``"controller"``: the controller must end the episode before the step limit, or it fails. ``"goal"``: it
+            also ends when the goal has held for ``GOAL_SECONDS`` and holds at rest, and shortly before the step limit
+            for the scene to rest.
+        still: function that returns the no-op baseline, for caching; default: ``no_op_baseline``.
         every: number of control steps between evaluations of the steps' criteria, for the ``paper`` verdict.
 
     Raises:
@@ -249,8 +245,7 @@ class _Motion:
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Keep the last command up to and including control step ``step``. Return the measurements before and after
-        this control step.
+        """Keep the last command through control step ``step``; return the measurements before and after it.
 
         These steps are not part of the episode.
         """
@@ -311,8 +306,7 @@ class Attempt:
 
     Attributes:
         seed: seed of the solver.
-        first: strategy that is tried first, by name of the step. Steps that are not listed keep the order of their
-            strategies.
+        first: strategy to try first by step name; other steps keep their order.
     """
 
     seed: int = 0
@@ -347,10 +341,8 @@ class Attempt:
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one succeeds, and return the result that counts for the episode.
 
-    The first attempt that is a success by the verdict ``held`` counts. If there is no such attempt, the first attempt
-    that is a success by the verdict ``paper`` counts, and otherwise the first attempt. Apart from the list of all
-    attempts, the fields of the episode describe only the attempt that counts. If the goal is reached in the no-op
-    baseline, no other attempt is made.
+    The first ``held`` attempt counts, else the first ``paper`` one, else the first. All fields but the list describe
+    the attempt that counts. If the no-op baseline reaches the goal, no other attempt is made.
 
     Args:
         task: the task.

@@ -31,14 +31,12 @@ _REMEDY = "delete the file and resume; its candidates are planned again"
 
 
 class EpisodeRunner:
-    """Context manager that plans and runs episodes in worker processes. The number of processes does not change the
-    results.
+    """Context manager that plans and runs episodes in any number of workers, with the same results.
 
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: progress display. The runner advances the display after each job. The caller must start each stage of
-            the display.
+        progress: display, advanced after each job; the caller starts each stage.
         rollout: options of all episodes.
         log: file to which the tracebacks of failed jobs are written; None for no log.
 
@@ -95,8 +93,7 @@ class EpisodeRunner:
 
         Args:
             function: function of :mod:`gensim2.rollout.worker`.
-            jobs: jobs with their indices and arguments. None means that the next job depends on a result that is not
-                known yet.
+            jobs: jobs with indices and arguments; None while the next depends on an open result.
             what: name of the jobs in messages to the user.
 
         Raises:

@@ -46,10 +46,9 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        The field ``plan`` is the solver's result for the complete motion, even if the solver failed; it is null if the
-        solver was not called. If the solver failed, the field ``part`` may contain the plan of a shortened motion,
-        which an episode would execute instead. In a shortened motion the arm moves the object as far as it can, and
-        then the hand releases the object.
+        ``plan`` is the solver's result for the complete motion, even a failure; null if it was not called. After a
+        failure, ``part`` may have the plan of a shortened motion, which moves the object as far as possible and
+        releases it.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -73,8 +72,7 @@ class SolveResult:
         objects: class and id of each object, by name.
         steps: planned steps in the order of the task.
         count: number of the task's steps.
-        picture: image file that shows keypoints, keyframes and residuals of one step; None if no image was made. The
-            step is the first step without a complete motion, or else the last step.
+        picture: image of the first step without a complete motion, or the last; None if not made.
     """
 
     task: str
@@ -114,9 +112,8 @@ def solve(
 ) -> SolveResult:
     """Plan the steps of a task in the scene of one seed, without executing the plans.
 
-    Each step is planned as in an episode, on the scene that the earlier plans predict. Strategies are tried in order
-    until one has a complete plan without early contact; otherwise the best plan is used, which may be a partial motion
-    (status ``partial``). The result ends at the first step without a motion.
+    Steps are planned as in an episode, each on the predicted scene. Strategies are tried until one is complete without
+    early contact; else the best plan is used, maybe partial. It ends at the first step without a motion.
 
     Example:
         ```python
@@ -127,10 +124,8 @@ def solve(
     Args:
         task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
-        out: folder for ``plan.json`` and ``plan.png``. None: only a picture is written, to the cache folder, if a step
-            has no complete motion.
-        view: function that is called at the end with the scene, the plan of the first step, and the robot, for example
-            to show the plan.
+        out: folder of ``plan.json`` and ``plan.png``; None: only a picture of an incomplete plan, in the cache.
+        view: function called at the end with scene, first step's plan and robot, for example to show them.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
             ``open_loop`` uses only the first strategy of each step.
 

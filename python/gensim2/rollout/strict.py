@@ -44,9 +44,8 @@ def strict_misses(
     Args:
         world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement when the hand was at the first actuation pose; None if the controller does not report
-            this pose. In that case the function cannot check whether the robot moved an object before it reached the
-            pose.
+        at_actuation: measurement at the first actuation pose; None: not reported, so that motions before it cannot be
+            checked.
         before: measurement one control step before ``later``.
         later: current measurement.
     """
@@ -81,8 +80,7 @@ def is_about_the_gripper(task: TaskSpec) -> bool:
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
     """Return the rigid objects that overlap other bodies by more than ``DEEPEST`` (m).
 
-    The planner's collision library measures the overlaps, so the result does not depend on the contact model of the
-    simulation engine. Overlaps with the robot do not count.
+    The planner's library measures overlaps, independent of engines; those with the robot do not count.
 
     Returns:
         Depth of each overlap (m), by the name of the rigid object and the name of the other body.
@@ -115,8 +113,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
     """Return the speeds of objects that are not at rest, in m/s, or in rad/s for rotations.
 
-    Speeds are computed from displacements in a control step. PhysX's own velocities are unsuitable: for bodies at rest
-    in contact they include solver corrections of up to 0.1 rad/s or 25 cm/s.
+    Speeds are displacements per step; PhysX's include corrections of up to 0.1 rad/s or 25 cm/s at rest.
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():

@@ -75,9 +75,8 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 def goal_reached(task: TaskSpec, end: Measurement, turns: Sequence[Turn]) -> bool:
     """Return whether the goal is reached at the end of the episode.
 
-    Some steps are undone by a later step: for example, a drawer is opened and later closed. The final state does not
-    show whether these steps were done. Therefore the function also requires that they were done when they were
-    executed.
+    The final state does not show steps that a later step undoes, such as opening a drawer that is closed later; these
+    must have been done when they were executed.
     """
     done = {turn.step.name for turn in turns if turn.paper}
     return all_hold(task.success, end) and task.transient <= done

@@ -55,8 +55,7 @@ Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(scenes: Sequence[SceneOptions]) -> None:
-    """Load the modules and data that all episodes of a run need. Otherwise the first episode would take longer than
-    later episodes.
+    """Load the modules and data of all episodes, so that the first takes no longer than others.
 
     Args:
         scenes: options of the scenes, for each engine of the run.
@@ -82,9 +81,8 @@ def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStra
     """Plan every candidate in the scene of one seed.
 
     Returns:
-        For each candidate a score, a reason and measured values. If every step has a complete plan, the score is 1 and
-        the reason is None. Otherwise the score is the fraction of steps with a complete plan, and planning ends at the
-        first step without one. This step counts as half a step if its partial motion reaches the actuation pose.
+        For each candidate a score, a reason and measured values: 1 and None if every step has a complete plan; else the
+        fraction of steps before the first without one, which counts half if it reaches the actuation pose.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -170,8 +168,7 @@ def record(
 ) -> Result:
     """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
-    With ``config.rollout.engines == "both"`` the episode also runs in the other engine; its record then has the
-    verdicts of both engines.
+    With engines ``"both"`` the episode also runs in the other engine, and has the verdicts of both.
 
     Args:
         keep: picklable function that receives the episode's record and its recorded states, and stores them.

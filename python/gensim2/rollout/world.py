@@ -97,11 +97,9 @@ class World(Body, Protocol):
         ...
 
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
-        """Return the environment's state observation, a vector (D,). It contains the robot's joint positions, joint
-        velocities and tool pose (7,), and then the values of the objects.
+        """Return the state observation (D,): joints, their velocities, tool pose (7,), then the objects' values.
 
         Args:
-            tool: whether to compute the tool pose. If False, the vector contains NaN instead of the pose. Recordings
-                use False and compute the tool poses of all steps together.
+            tool: whether to compute the tool pose, else NaN; recordings compute all poses together.
         """
         ...

@@ -63,9 +63,8 @@ def chosen_instances(
     Args:
         library: library of the objects.
         task: the task, which may allow only some instances of an object.
-        instances: selection of instances: one selection for all objects, or a mapping from object names to selections.
-            A selection for all objects chooses only instances that the task allows. A selection in a mapping may also
-            choose other instances. Objects without an entry in the mapping use all instances that the task allows.
+        instances: one selection for all objects, of instances that the task allows, or a mapping from object names to
+            any; objects that it lacks use all that the task allows.
 
     Returns:
         Ids by the name of the object.

@@ -73,13 +73,11 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Options that the scenes of all tasks of a run share. They come from a user's arguments (:meth:`of`) or from a
-    file.
+    """Options that the scenes of all tasks of a run share, from arguments (:meth:`of`) or a file.
 
     Attributes:
         assets: folder of objects or ``"builtin"``.
-        physics: name of the physics settings (:mod:`gensim2.scenes.physics`). Settings from a file are converted to
-            such a name.
+        physics: name of the settings (:mod:`gensim2.scenes.physics`), to which a file's are converted.
         robot: name of a robot that this process has already loaded. The name never causes a robot to be loaded, because
             loading a robot runs Python code of the user, and the name may come from an untrusted file.
         randomization: name of the randomization preset.
@@ -103,8 +101,7 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Create options from a user's arguments. The argument ``instances`` is ignored, because each task has its own
-        instances.
+        """Create options from a user's arguments, without ``instances``, of which each task has its own.
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
@@ -150,8 +147,7 @@ class SceneOptions:
         return second
 
     def in_engines(self, engines: Engines) -> tuple[Self, ...]:
-        """Return the options for each physics engine of a run: these options, and, if ``engines`` is ``"both"``, a copy
-        with the other physics engine.
+        """Return the options for each engine of a run: these, and for ``"both"`` a copy with the other engine.
 
         Raises:
             InputError, MissingExtraError: as for :meth:`second_engine`.

@@ -1,8 +1,6 @@
-"""Determine the default poses of objects. A default pose is either computed from the object's geometry, or taken from
-the original GenSim2.
+"""Determine the default poses of objects, computed or of the original GenSim2.
 
-The poses of the original GenSim2 are in the file ``default_poses.csv`` in this folder, which is installed with the
-package.
+The latter are in ``default_poses.csv`` in this folder, which is installed with the package.
 """
 
 from __future__ import annotations
@@ -46,10 +44,8 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
     Args:
         model: object to place.
-        poses: source of the pose. ``"default"`` computes the pose from the object's geometry. ``"original"`` uses the
-            pose that the original GenSim2 published for an articulated object. If no pose was published, the pose is
-            computed. The pose of a rigid object is always computed, because the original poses of some rigid objects
-            overlap the table.
+        poses: ``"default"``: computed; ``"original"``: published by the original GenSim2, or computed without a
+            published one, and for all rigid objects, because some of theirs overlap the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)

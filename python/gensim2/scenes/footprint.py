@@ -26,8 +26,7 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """Return the vertices of the convex hull around the space that an object occupies while its joint moves through its
-    range.
+    """Return the hull's vertices of the space that an object occupies over its joint's range.
 
     Returns:
         (N, 3) points in the root frame, m.

@@ -29,8 +29,7 @@ def is_container(model: Model) -> bool:
 
 
 def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the lowest and the highest corner (2, 3) of each object's bounding box in the world frame, m. For an
-    articulated object the box contains only the measured link.
+    """Return lowest and highest corners (2, 3) of objects' boxes, world frame, m; of the measured link if articulated.
 
     Args:
         models: objects by name.
@@ -46,8 +45,7 @@ def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[s
 
 
 def contents_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, frozenset[str]]:
-    """Return, for each container, the names of the rigid objects whose bounding box has its centre inside the
-    container.
+    """Return for each container the rigid objects whose box has its centre inside.
 
     Args:
         models: objects by name.

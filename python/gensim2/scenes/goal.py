@@ -67,8 +67,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
         placed: names of objects that reset options have placed; their distance to the goal is not checked.
 
     Raises:
-        GoalError: a criterion is for the other kind of object (articulated or rigid), two criteria contradict each
-            other, or a rigid object would have to be moved beyond the robot's reach.
+        GoalError: a criterion of the wrong kind of object, a contradiction, or a place beyond the robot's reach.
     """
     for step in task.steps:
         _check_kinds(step.done, state, f"steps.{step.name}.done")
@@ -96,8 +95,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Check that the goal is false in at least one initial state. If the goal were true in all initial states, episodes
-    would succeed without the robot.
+    """Check that the goal is false in some initial state; else episodes would succeed without the robot.
 
     Args:
         states: initial states; evaluation stops at the first state in which the goal is not reached.
@@ -169,11 +167,9 @@ def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, fl
 
 
 def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
-    """Return the distance (m) between the robot's reach and the nearest place that meets a criterion; 0 if this place
-    is within reach.
+    """Return the distance (m) from the robot's reach to the nearest place that meets a criterion; 0 within reach.
 
-    The horizontal reach is the reach of a hand that points down at the table. The vertical reach is assumed to be twice
-    the horizontal reach.
+    Horizontally it is the reach of a hand pointing down at the table; vertically twice that.
     """
     base = np.array(robot.base_position)
     if isinstance(criterion, RigidLifted):

@@ -102,8 +102,7 @@ class InitialState:
 
     Attributes:
         objects: objects by name, in the task's order.
-        draws: number of sampled placements of the objects. Sampling may be repeated until the objects are apart, within
-            reach and clear of the robot.
+        draws: number of samples until objects were apart, within reach and clear of the robot.
         start: (n,) positions of all active joints of the robot at the start, rad or m.
         randomization: name of the randomization preset.
     """
@@ -135,15 +134,11 @@ def sample_initial_state(
 ) -> InitialState:
     """Sample the initial state of a scene. Values given in ``options`` replace the sampled values.
 
-    If ``physics`` allows it, the placements are sampled repeatedly, at most ``MAX_DRAWS`` times, until the robot
-    overlaps none of these objects at its start. If there are several objects, three more conditions must hold. First,
-    all objects are ``GAP`` apart, including the volume through which a joint moves a part. Second, all objects are
-    within the robot's reach. Third, no rigid object overlaps the space that the robot occupies at the start. Placements
-    given in ``options`` never change. If the preset randomizes the start of the robot, the start is sampled again as
-    well.
+    If ``physics`` allows, placements are sampled up to ``MAX_DRAWS`` times, until the robot overlaps no object at its
+    start, and several objects are ``GAP`` apart (with the space of moving parts), within reach, and, if rigid, clear of
+    the robot's space. ``options`` stay fixed; a random start of the robot is sampled again, too.
 
-    The values that are sampled from the task's ranges do not depend on whether a preset randomizes additional values,
-    because a second random generator samples the additional values.
+    A second generator samples a preset's additional values, so that the task's values do not depend on them.
 
     Args:
         task: task with the ranges.
@@ -152,8 +147,7 @@ def sample_initial_state(
         seed: seed of the reset.
         options: checked reset options by object.
         robot: robot profile.
-        physics: physics settings, which determine the default poses of objects and whether placements are sampled
-            again.
+        physics: physics settings, for default poses and repeated sampling.
         randomization: preset, which scales the task's ranges and may randomize additional values.
 
     Raises:
@@ -341,8 +335,7 @@ def clear_start(
     robot: RobotProfile,
     hulls: Sequence[Sequence[Array]],
 ) -> tuple[float, ...] | None:
-    """Return start joints at which the robot overlaps no object. These are ``start`` if possible, and otherwise random
-    joints.
+    """Return start joints at which the robot overlaps no object: ``start``, or else random ones.
 
     Args:
         generator: generator of the random joints; None: only ``start`` is tested.
@@ -383,8 +376,7 @@ ABOVE = 0.02
 
 
 def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -> PlacedObject | None:
-    """Lower an object straight down until it touches its support. The movement starts above the support's last
-    keypoint, from which the success criteria measure heights and distances.
+    """Lower an object from above its support's last keypoint, the measured one, until it touches.
 
     Args:
         thing: object in its resting pose on the table. The function changes only its height.
@@ -392,8 +384,7 @@ def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -
         above: height (m) above the keypoint, at which the movement starts.
 
     Returns:
-        The lowered object; None if ``thing`` does not fit above the keypoint, or if nothing below the keypoint supports
-        it.
+        The object; None if it does not fit above the keypoint or nothing below supports it.
     """
     blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)

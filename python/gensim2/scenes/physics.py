@@ -1,9 +1,8 @@
 """Define names for physics settings, and select the engines that can simulate them.
 
-A name is a preset, ``default`` or ``original`` (the settings of the original GenSim2). A name can also change single
-settings of a preset: ``original+gripper=default`` is ``original`` with the default gripper. The name defines the
-physics completely, so records and worker processes store only the name. Users may also give a file of settings, which
-is converted to a name.
+A name is a preset, ``default`` or ``original`` (the original GenSim2's), with changes such as
+``original+gripper=default``. It defines the physics completely, so records and workers have only the name; a file of
+settings is converted to one.
 """
 
 from __future__ import annotations
@@ -40,30 +39,25 @@ _EXTRAS: Mapping[Engine, str] = {"sapien": "sim", "mujoco": "mujoco"}
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """Settings of a scene's physics. For each setting one can choose gensim2's default or the value of the original
-    GenSim2.
+    """Settings of a scene's physics: gensim2's default or the original GenSim2's value of each.
 
     Most settings have the value ``"default"`` or ``"original"``. The values mean:
 
     Attributes:
         joint_friction: resistance of the objects' joints. Default: Coulomb friction and damping of the object.
             Original: a coefficient for each class, multiplied by the load on the joint.
-        densities: masses of the objects. Default: the mass stored with the object. Original: the volume of the hulls
-            times a density for each class.
+        densities: masses. Default: stored with the object. Original: volume of the hulls times a density of the class.
         materials: friction and restitution of all bodies except the table. Default: separate values for finger pads,
             rigid objects and other bodies. Original: the same values for all bodies.
-        solver: settings of the physics solver. Default: settings and contact offsets for the engine. Original: the
-            PhysX settings of the original GenSim2.
+        solver: physics solver. Default: settings and contact offsets of the engine. Original: GenSim2's PhysX settings.
         poses: poses of the objects before randomization. Default: computed from the geometry. Original: poses of the
             original GenSim2, for the models that it published.
         gripper: finger drives. Default: the drives of the robot profile. Original: the drives of the original GenSim2.
             A third value is ``"soft"``: drives with which the solver settings of the original GenSim2 can hold objects.
         hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open.
             Original: the convex hull of each connected part of a file.
-        redraw: what happens if several objects do not fit. With ``"placement"`` the placements are sampled again until
-            all objects fit. With ``"none"`` the first sample is used.
-        criteria_rate: how often the steps' criteria are evaluated for the ``paper`` verdict. Default: every control
-            step. Original: every 0.85 s.
+        redraw: if objects do not fit: ``"placement"``: sample again until all fit; ``"none"``: use the first.
+        criteria_rate: evaluation of steps' criteria for ``paper``. Default: every control step. Original: every 0.85 s.
     """
 
     joint_friction: PhysicsSource = "default"
@@ -109,8 +103,7 @@ def physics_switches(word: str) -> PhysicsSwitches:
     """Return the physics settings that a name stands for.
 
     Args:
-        word: name of the settings: a preset, followed by ``+setting=value`` for each changed setting, for example
-            ``original+gripper=default``.
+        word: preset and ``+setting=value`` for each change, such as ``original+gripper=default``.
 
     Raises:
         InputError: a preset, setting or value is unknown.
@@ -127,8 +120,7 @@ def physics_name(word: object, redraw: str | None = None) -> str:
     """Return the normalized name of the physics settings that a user gave on the command line or in Python.
 
     Args:
-        word: name as for :func:`physics_word`, or the path of a YAML or JSON file of settings. The field ``base`` of
-            the file names the preset from which all other settings are taken.
+        word: name as for :func:`physics_word`, or a YAML or JSON file, whose ``base`` is the preset of other settings.
         redraw: value of the setting ``redraw``. With None the value in ``word`` is kept.
 
     Raises:

@@ -50,8 +50,7 @@ class Factors:
     Attributes:
         mass: factor on masses and inertias of all links.
         contact_friction: factor on static and dynamic friction of all surfaces.
-        joint_friction: factor on the joint's friction and damping, which are also multiplied by ``mass``; 1 for a rigid
-            object.
+        joint_friction: factor on friction and damping, besides ``mass``; 1 if rigid.
     """
 
     mass: float = 1.0
@@ -114,8 +113,7 @@ def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[flo
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:
-    """Return the openness of an object at the reset: the mean openness plus the sampled offset, clipped to the range
-    from 0 to 1.
+    """Return an object's openness at the reset: mean plus sampled offset, clipped to 0..1.
 
     The task may give the mean openness in ``ranges``. Otherwise it is ``default_openness``, the value of the object.
     """

@@ -23,17 +23,14 @@ ObjectOptions = Mapping[str, Any]
 
 
 def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
-    """Check all reset options and return the options of gensim2 by object. Options of ManiSkill are only checked,
-    because ManiSkill reads them itself.
+    """Check all reset options; return gensim2's by object. ManiSkill reads its own.
 
     Args:
-        options: values by the name of the option. The value of a gensim2 option is a mapping from object names to
-            values. If the scene has a single object, the value can be given without a mapping.
+        options: values by option; gensim2's are mappings from object names, or plain with a single object.
         names: names of the objects.
 
     Raises:
-        InputError: an option or an object is unknown, or a value is invalid. The message names the option, object or
-            value.
+        InputError: an unknown option or object, or an invalid value, which the message names.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, but is {options!r}", field="options")

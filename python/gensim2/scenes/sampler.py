@@ -23,9 +23,8 @@ class SceneSampler:
     """Samples the initial states of one task by seed, in the same way in every environment.
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or the spec's fields as a mapping. A
-            :class:`~gensim2.scenes.config.SceneConfig` is also possible; it contains the task and all settings of the
-            scenes, so no other argument is needed.
+        task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`, with which
+            no other argument is needed.
 
     Attributes:
         task: spec of the task.

@@ -34,8 +34,7 @@ OBS_MODES = (
 
 
 def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
-    """Raise an InputError if ManiSkill raised ``error`` because the observation mode ``obs_mode`` is unknown. Otherwise
-    do nothing.
+    """Raise an InputError if ``error`` of ManiSkill is about the unknown mode ``obs_mode``.
 
     Raises:
         InputError: ``error`` is about the observation mode.
@@ -55,8 +54,7 @@ def checked_seed(seed: Any) -> int | None:
 
 
 def checked_action(action: Any, size: int, control_modes: Sequence[str]) -> Any:
-    """Check an action and return it. An action is None (no command), an array of finite numbers with the shape (size,)
-    or (1, size), or a mapping.
+    """Check and return an action: None, a finite array (size,) or (1, size), or a mapping.
 
     The mapping is ManiSkill's form ``{"control_mode": ..., "action": ...}``. The number of values depends on the
     control mode, so the function does not check it.

@@ -126,7 +126,6 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
     """Parse the URDF of a robot and return a cached builder.
 
-    While parsing, the builder stores the default contact material, which depends on the physics settings ``name``. The
-    cache therefore keeps a separate builder for each name of physics settings.
+    Builders store the default material of the physics settings ``name``, so each name has its own.
     """
     return parsed(urdf, urdf_config(friction, pads))

@@ -12,8 +12,7 @@ from gensim2.sim.driver import renderer
 
 
 def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
-    """Return an object that draws recorded states of a scene. The object uses MuJoCo's renderer for states of the
-    engine ``mujoco`` if this renderer works. Otherwise it uses the ray caster.
+    """Return an object that draws recorded states: MuJoCo's renderer for its working engine, else the ray caster.
 
     Args:
         engine: engine of the states.

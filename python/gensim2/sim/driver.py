@@ -55,9 +55,8 @@ def renderer(engine: Engine) -> Renderer:
 def can_render() -> bool:
     """Return whether SAPIEN is installed and a Vulkan driver works in this process.
 
-    Creating ``sapien.Device("cpu")`` does not show whether a driver works, because it succeeds without a driver.
-    Therefore this function creates an object that needs a driver. The first call in a process takes less than 0.1 s and
-    uses about 80 MB of memory.
+    ``sapien.Device("cpu")`` succeeds without a driver, so this creates an object that needs one; at first in less than
+    0.1 s, with 80 MB.
     """
     if find_spec("sapien") is None:
         return False
@@ -76,8 +75,7 @@ def can_render() -> bool:
 def gl_context(width: int, height: int) -> Any:
     """Return an OpenGL context without a display for MuJoCo's renderer, through EGL or OSMesa.
 
-    The environment variable ``MUJOCO_GL``, which MuJoCo defines, selects ``egl`` or ``osmesa``. Otherwise EGL is used
-    if its library is installed.
+    MuJoCo's variable ``MUJOCO_GL`` selects ``egl`` or ``osmesa``; default: EGL if installed.
 
     Args:
         width, height: largest size of a picture, pixels.

@@ -47,8 +47,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
     """Build an object at its initial pose.
 
     Raises:
-        InputError: the physics engine built the object with other collision shapes or with another joint than the
-            object's files define.
+        InputError: the engine built other collision shapes or another joint than the files define.
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
@@ -66,8 +65,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 def spare_imports_from_collection() -> None:
     """Exempt all existing Python objects, such as imported modules, from garbage collection, once in each process.
 
-    ManiSkill runs a full garbage collection at every reset. With the exemption a collection takes 2 ms instead of 180
-    ms.
+    ManiSkill collects garbage at every reset: with the exemption in 2 ms instead of 180 ms.
     """
     gc.collect()
     gc.freeze()
@@ -76,37 +74,28 @@ def spare_imports_from_collection() -> None:
 class GenSim2Env(RaycastObservations):
     """ManiSkill environment in which a robot stands at a table with the objects of a task.
 
-    Physics and control run on the CPU at the rates of the robot. By default PhysX uses the TGS solver and persistent
-    contact manifolds, with 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene, so episodes
-    are exactly repeatable. A seed always gives the same scene, and the same actions give the same states, in any
-    process, with or without images.
+    Physics and control run on the CPU at the robot's rates. By default PhysX uses the TGS solver and persistent
+    manifolds, with 15 position and 1 velocity iterations. Every reset rebuilds the scene, so a seed gives the same
+    scene and the same actions the same states, in any process, with or without images.
 
     An action of the default control mode ``pd_joint_pos`` is an array (m + 1,). It contains the targets of the m arm
     joints in rad (the Panda has 7), and then the gripper command from -1 (closed) to 1 (open).
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, the fields of a :class:`TaskSpec` as a dict, or a complete
-            :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: a mode of ManiSkill, or ``"raycast"``. In the mode ``"raycast"``, which needs no renderer, an
-            observation contains the arrays of an :class:`~gensim2.perception.Observation` by name
-            (docs/guides/observations.md).
+        task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
+        obs_mode: a mode of ManiSkill, or ``"raycast"``, without a renderer: arrays of an
+            :class:`~gensim2.perception.Observation` by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for the mode ``"raycast"``.
-        reward_mode: ``"sparse"`` (default), ``"normalized_dense"`` or ``"none"``. A sparse reward is 1 if the goal is
-            reached, and otherwise 0. A dense reward is a value from 0 to 1 that rises with each completed step of the
-            task. Evaluate the dense reward exactly once in each control step, because each evaluation records completed
-            steps.
-        render_backend: ``"auto"`` creates a renderer only if observations or ``render_mode`` need one and a graphics
-            driver works.
-        kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
-            ``robot_uids`` follows from ``robot``. A reset chooses each object from ``instances``. A single id applies
-            to the first object whose class has several instances; use a mapping from object names to select other
-            objects. An id may also be a number up to 10^6, which selects a generated object that the library does not
-            list.
+        reward_mode: ``"sparse"`` (default: 1 at the goal, else 0), ``"normalized_dense"`` (0 to 1, rising with each
+            completed step; evaluate it exactly once in each control step, because it records these), or ``"none"``.
+        render_backend: ``"auto"``: a renderer only if observations or ``render_mode`` need one and a driver works.
+        kwargs: of :class:`~gensim2.scenes.config.SceneArguments` and ManiSkill's ``BaseEnv``; ``robot_uids`` follows
+            from ``robot``. A reset chooses from ``instances``: an id is for the first object whose class has several, a
+            mapping for named objects; numbers up to 10^6 select generated objects.
 
-    Options of a reset replace random values. The option ``instance`` is an id, and ``openness`` is a number from 0 to
-    1. The option ``offset`` contains x, y and yaw relative to the default pose. The option ``pose`` is the pose of the
-    object's root in the world frame (x, y, z, qw, qx, qy, qz). For a task with several objects each option is a mapping
-    from the object's name to the value.
+    Reset options replace random values: ``instance`` (id), ``openness`` (0 to 1), ``offset`` (x, y, yaw from the
+    default pose), ``pose`` (root in the world: x, y, z, qw, qx, qy, qz). With several objects each is a mapping from
+    object names.
 
     Raises:
         InputError: an argument or a reset option is invalid.
@@ -319,8 +308,7 @@ class GenSim2Env(RaycastObservations):
         return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Execute one control step. The returned flag ``truncated`` is True when the episode has lasted
-        ``max_episode_steps`` or more steps.
+        """Execute a control step; ``truncated`` from step ``max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

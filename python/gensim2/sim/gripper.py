@@ -12,10 +12,9 @@ from gensim2.robots import JointDrive, RobotProfile
 class Transmission:
     """Object that moves the gripper joints that have no motor: follower joints and passive joints.
 
-    A follower joint is coupled to a joint with a motor. In simulation the follower joint has its own drive. Before
-    every physics step, this class computes the drive's target from the position of the joint with the motor. PhysX
-    could couple the joints by a fixed tendon instead. However, a tendon adds radians to metres, so it cannot couple a
-    revolute joint with a prismatic joint. A passive joint has a spring that pulls the joint to the position 0.
+    A follower joint is coupled to a motor's joint: before every physics step this class sets its drive's target from
+    that joint. PhysX's tendons add radians to metres, so they cannot couple revolute with prismatic joints. Springs
+    pull passive joints to 0.
 
     Args:
         robot: robot in the simulation.

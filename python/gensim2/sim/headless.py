@@ -1,8 +1,7 @@
 """Simulate a task in a physics engine without ManiSkill's environment. Only the selected engine is imported.
 
-With SAPIEN the scene has the same bodies in the same order as in :class:`~gensim2.sim.env.GenSim2Env`, and the same
-actions lead to exactly the same states as there. A step is faster than in ManiSkill, because the headless environment
-computes no batched tensors and no rewards, and computes observations only on request.
+With SAPIEN, bodies, their order and so all states are those of :class:`~gensim2.sim.env.GenSim2Env`, but faster: no
+batched tensors or rewards, and observations only on request.
 """
 
 from __future__ import annotations
@@ -74,11 +73,9 @@ class HeadlessEnv(SceneAccessMixin):
         ```
 
     Args:
-        task: name of a library task, a :class:`TaskSpec`, or its fields; or a complete
-            :class:`~gensim2.scenes.config.SceneConfig`.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses one of ``instances``. An id selects
-            the instance of the first object whose class has several instances. A mapping from object names to ids
-            selects instances of any objects.
+        task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses from ``instances``; an id is for the
+            first object whose class has several, a mapping for named objects.
 
     Raises:
         InputError: an argument is invalid.
@@ -152,8 +149,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Execute a single physics step. A control step consists of several physics steps. This method is for simulated
-        sensors that are read more often than once in a control step.
+        """Execute one of a control step's physics steps, for simulated sensors that are read more often.
 
         Args:
             action: as for :meth:`step`.
@@ -194,8 +190,7 @@ class HeadlessEnv(SceneAccessMixin):
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue the simulation from a snapshot. Call :meth:`reset` first, with the seed and the options of the scene
-        in which the snapshot was taken. The snapshot may come from another process.
+        """Continue from a snapshot, maybe of another process, after :meth:`reset` with its seed and options.
 
         Raises:
             InputError: the engine cannot restore states, or the snapshot belongs to another scene.
@@ -205,8 +200,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object suddenly, to simulate a bump. :attr:`initial_state` still contains the object's pose at the
-        reset.
+        """Move an object suddenly, as by a bump; :attr:`initial_state` keeps its pose at the reset.
 
         Args:
             name: name of the object.
@@ -254,8 +248,7 @@ class HeadlessEnv(SceneAccessMixin):
     def state(self) -> dict[str, dict[str, Row]]:
         """Return the state of all bodies in the form of ManiSkill's ``env_states``.
 
-        The state of a rigid body contains the pose (7,) and the velocities (6,). The state of an articulation contains
-        the pose and the velocities of its root, and then its joint positions and joint velocities.
+        A rigid body's state has pose (7,) and velocities (6,); an articulation's those of its root and of its joints.
         """
         assert self._reader
         found: dict[str, dict[str, Row]] = {
@@ -270,8 +263,7 @@ class HeadlessEnv(SceneAccessMixin):
         """Return the observation of this instant; the same state, spec and seed give the same bytes.
 
         Args:
-            spec: observation spec. Colour images (``rgb``) need a second scene with a renderer, which takes 2 GB of
-                memory.
+            spec: observation spec; colours (``rgb``) need a second scene with a renderer and 2 GB.
 
         Raises:
             EmptyCloudError: the point cloud is empty.
@@ -314,10 +306,8 @@ class HeadlessEnv(SceneAccessMixin):
     def observation(self, tool: bool = True) -> Row:
         """Return the state observation, a vector (D,).
 
-        The vector begins with the joint positions of the robot, the joint velocities of the robot, and the pose of the
-        tool. The values of the objects follow in the task's order. The values of an articulated object are its
-        openness, its joint position, the pose of its root and the pose of its moving link. The value of a rigid object
-        is its pose.
+        The vector has the robot's joints, their velocities and the tool pose; then, in the task's order, each
+        articulated object's openness, joint position, root pose and moving link's pose, or a rigid object's pose.
 
         Args:
             tool: whether to compute the pose of the tool. If False, the vector contains NaN instead of the pose.

@@ -27,8 +27,7 @@ Observed = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
 
 
 class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
-    """Gymnasium environment with NumPy arrays: a robot at a table with the objects of a task. The class
-    :class:`~gensim2.sim.headless.HeadlessEnv` simulates the scene.
+    """Gymnasium environment of a task with NumPy arrays, simulated by :class:`~gensim2.sim.headless.HeadlessEnv`.
 
     Example:
         ```python
@@ -40,10 +39,8 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: ``"state"`` for a vector (D,) float32, or ``"raycast"`` for a dictionary with the arrays of an
-            :class:`~gensim2.perception.Observation`.
-        observation: an :class:`~gensim2.perception.ObservationSpec` or its fields. It applies to the mode ``"raycast"``
-            only.
+        obs_mode: ``"state"``: (D,) float32; ``"raycast"``: arrays of an :class:`~gensim2.perception.Observation`.
+        observation: :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
         render_mode: ``"rgb_array"`` or None. Pictures come from the engine's renderer. If that renderer does not work,
             they come from the ray caster. ``reset`` reports the renderer and the reason in ``info["renderer"]``.

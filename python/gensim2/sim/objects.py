@@ -40,12 +40,10 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build an articulated object and fix its root at ``pose`` (world frame). The joint gets neither friction nor
-    damping.
+    """Build an articulated object fixed at ``pose`` (world frame), its joint without friction or damping.
 
     Returns:
-        The articulation, and warnings. There is one warning for each hull that PhysX shrank when it preprocessed the
-        hull ("cooking").
+        The articulation, and a warning for each hull that PhysX shrank in preprocessing ("cooking").
 
     Raises:
         InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's joint.
@@ -142,8 +140,7 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
     """Compare the bounding boxes of a collision shape and of the hull (N, 3) from which PhysX made the shape.
 
     Returns:
-        Two distances (m), each the largest over the six sides of the boxes. The first is how far the shape's box falls
-        short of the hull's box. The second is how far the shape's box extends beyond the hull's box.
+        Two distances (m), largest over the boxes' sides: how far the shape falls short of the hull, and exceeds it.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
@@ -151,8 +148,7 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether the physics engine made an acceptable collision shape from a hull. The shape may be larger than
-    the hull only by a fixed tolerance, and smaller only by a fraction of the hull's size.
+    """Return whether the engine's shape fits a hull: larger by a fixed tolerance, smaller by a fraction of its size.
 
     Args:
         hull: (N, 3) corners of the hull, m.

@@ -30,8 +30,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     _command = OPEN
 
     def _prepare_observations(self, seed: int) -> None:
-        """Create the observer that computes the ray-cast observations of a new scene, and reset the stored gripper
-        command.
+        """Create the observer of a new scene's ray-cast observations, and reset the gripper command.
 
         Raises:
             InputError: a file of the robot or of an object cannot be used.

@@ -27,12 +27,10 @@ Value = TypeVar("Value")
 
 
 class LazyMapping(Mapping[str, Value], Generic[Value]):
-    """Mapping from names to values that computes all its values at the first access. A mapping that is never read
-    therefore costs no time.
+    """Mapping that computes all its values at the first access, so that an unread one costs no time.
 
     Args:
-        work_out: function that computes all values. It must use stored data, because the state of the simulator may
-            have changed before the function is called.
+        work_out: function that computes all values from stored data, because the simulator may have moved on.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Value]]) -> None:

@@ -115,8 +115,7 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """Set the contact offsets and the finger drives in a scene that has rigid objects. Call this method after all
-        bodies of the scene have been built.
+        """Set contact offsets and finger drives in a scene with rigid objects, after all bodies are built.
 
         Args:
             system: PhysX system of the scene.
@@ -199,22 +198,17 @@ class Physics:
 
 
 class CoulombFriction:
-    """Coulomb friction and viscous damping of a joint. The friction is ``joint.friction`` N m, or N for a sliding
-    joint.
+    """Coulomb friction, ``joint.friction`` N m (N if sliding), and viscous damping of a joint.
 
-    PhysX's own joint friction is not used. It is a coefficient that is multiplied by the load on the joint, so it sets
-    no fixed torque up to which a joint stays at rest. A joint at rest therefore creeps: at coefficient 1, a 0.3 kg lid
-    with a gravity torque of 0.26 N m moves 0.23 rad in 5 s. SAPIEN's default coefficient of 0.05 doubles the resistance
-    of a moving lid, so this class sets the coefficient to 0.
+    PhysX's own joint friction, a coefficient times the load, sets no torque up to which a joint rests: at coefficient
+    1, a 0.3 kg lid with 0.26 N m of gravity moves 0.23 rad in 5 s. SAPIEN's default of 0.05 doubles a moving lid's
+    resistance, so it is set to 0.
 
-    Instead of PhysX's friction, a velocity drive brakes the joint. The target velocity of the drive is zero, and its
-    force limit is the friction. Such a drive acts as Coulomb friction, except below ``CREEP_SPEED``, where its force
-    grows with the speed. We tested the same lid with a limit of 0.5 N m. Under gravity the lid moves less than 0.0002
-    rad in 5 s. With a torque of 0.98 times the limit, the lid stays at rest. With a torque of 1.1 times the limit, the
-    lid moves, and its speed after 0.1 s differs by at most 1 % from the speed that the excess torque should cause.
+    Instead, a velocity drive with target zero and the friction as its force limit brakes the joint, as Coulomb friction
+    does above ``CREEP_SPEED``. With a limit of 0.5 N m the same lid moves less than 0.0002 rad in 5 s, rests at 0.98
+    times the limit, and at 1.1 times reaches after 0.1 s the speed of the excess torque within 1 %.
 
-    The drive also provides the damping: the damping torque at the joint's current speed is added to the force limit. A
-    drive can only brake, so damping never reverses the motion of a light link.
+    Damping at the current speed is added to the force limit; a drive only brakes, so it reverses no motion.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:

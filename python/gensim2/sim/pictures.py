@@ -16,8 +16,7 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Renders images of recorded states as seen by the environment's cameras. To save time, the scene is rebuilt only
-    if its objects change.
+    """Renders recorded states as seen by the environment's cameras; rebuilds the scene only for new objects.
 
     Args:
         config: settings of the scenes.

@@ -29,8 +29,7 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
 
 def env_id(task: TaskSpec) -> str:
-    """Return the id of a task's environment for ``gym.make``. The id works in any process in which gensim2 is
-    installed.
+    """Return a task's environment id for ``gym.make``, valid in any process with gensim2.
 
     Each task of the package has an id; any other task uses ``GenSim2-Task-v1`` with the spec as an argument.
 
@@ -62,15 +61,13 @@ def make_env(
         task: name of a library task, a spec, or its fields.
         engine: ``"sapien"`` creates a ManiSkill environment, and ``"mujoco"`` creates a plain environment with NumPy
             arrays that have no batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
-        numpy: whether a ManiSkill environment returns NumPy arrays, floats and bools without a batch axis, instead of
-            tensors. MuJoCo environments never return tensors.
+        numpy: whether a ManiSkill environment returns NumPy values without a batch axis, as MuJoCo's always do.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
             :class:`~gensim2.sim.numpy_env.NumpyEnv`, for example ``assets``, ``instances``, ``physics``, ``robot``,
             ``randomization``, ``obs_mode`` and ``reward_mode``.
 
     Returns:
-        The environment; ``env.unwrapped`` is a :class:`~gensim2.sim.env.GenSim2Env` or a
-        :class:`~gensim2.sim.numpy_env.NumpyEnv`.
+        The environment, with a :class:`~gensim2.sim.env.GenSim2Env` or :class:`~gensim2.sim.numpy_env.NumpyEnv` inside.
 
     Raises:
         InputError: the task or an argument is unknown.
@@ -96,8 +93,7 @@ def make_vec_env(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Create several environments of a task as one vector environment.
 
-    The function corresponds to ``gymnasium.make_vec``. Each single environment is created as by :func:`make_env` with
-    ``numpy=True``.
+    As ``gymnasium.make_vec``, of single environments as by :func:`make_env` with ``numpy=True``.
 
     Example:
         ```python

@@ -74,9 +74,8 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return the value for ManiSkill's argument ``render_backend``. ``"auto"`` is replaced by ``"gpu"`` or ``"cpu"`` if
-    pictures are needed and a graphics driver works, and otherwise by ``"none"``. All other values are returned
-    unchanged.
+    """Return ManiSkill's ``render_backend``: for ``"auto"`` ``"gpu"`` or ``"cpu"`` if pictures are needed and a driver
+    works, else ``"none"``; others unchanged.
 
     Raises:
         InputError: observations need images, and there is no renderer.

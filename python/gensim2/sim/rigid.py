@@ -107,8 +107,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    The legs of the table and the floor have no collision shapes. An object that slides off the table therefore falls
-    without end.
+    Table legs and floor have no collision shapes, so objects that slide off fall without end.
 
     Args:
         scene: ManiSkill's or SAPIEN's scene.

@@ -96,8 +96,7 @@ class SapienScene:
         return articulation_state(self._arm.articulation)
 
     def snapshot(self) -> tuple[Array, str]:
-        """Raise an error. PhysX keeps contacts and impulses from step to step, and SAPIEN cannot read them, so a
-        snapshot would be incomplete.
+        """Raise an error: SAPIEN cannot read PhysX's stored contacts and impulses, so snapshots would be incomplete.
 
         Raises:
             InputError: always.

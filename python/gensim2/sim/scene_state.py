@@ -64,8 +64,7 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """State of a robot that does not move, for scenes that are built without a robot. The robot is in its start
-    configuration, and its fingers are open.
+    """State of a robot in its start configuration, fingers open, for scenes without a robot.
 
     Args:
         start: (n,) all active joints at the start of the episode.

@@ -27,8 +27,7 @@ class _Done(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class ThreadVectorEnv(SyncVectorEnv):
-    """Vector environment whose single environments run in threads. MuJoCo releases the interpreter lock while it
-    simulates, so the threads run in parallel.
+    """Vector environment in threads, parallel because MuJoCo releases the interpreter lock.
 
     Args:
         makers: for each environment, a function that creates it.
@@ -67,8 +66,7 @@ class ThreadVectorEnv(SyncVectorEnv):
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a method of the base class with precomputed results.
 
-        During the call, placeholders take the place of the environments. Each placeholder returns one of ``results``,
-        so the base class combines the results without running the environments again.
+        Placeholders return ``results`` to the base class, which combines them without running environments again.
         """
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]

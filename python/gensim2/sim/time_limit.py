@@ -10,15 +10,12 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Wrapper that replaces gymnasium's ``TimeLimit``. Gymnasium's wrapper returns a plain bool as ``truncated``, but
-    ManiSkill requires a tensor.
+    """Wrapper like gymnasium's ``TimeLimit``, but with ``truncated`` as a tensor, which ManiSkill requires.
 
     Args:
-        env: environment from ``gymnasium.make``. If it is wrapped in gymnasium's ``TimeLimit``, this wrapper removes
-            that wrapper and uses its step limit.
-        registered: step limit that gymnasium's registry stores for the task. If ``env`` has exactly this limit, the
-            caller has not set a limit. The wrapper then computes the number of steps from the task's time limit and the
-            robot's control rate.
+        env: environment of ``gymnasium.make``; gymnasium's ``TimeLimit`` around it is replaced, with its limit.
+        registered: registered step limit of the task. If ``env`` has it, the caller has set none, and steps follow from
+            the task's time limit and the robot's control rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:

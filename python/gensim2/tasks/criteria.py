@@ -1,12 +1,10 @@
 """Define the success criteria of steps and tasks. Each criterion is a pure function of a :class:`Measurement`.
 
-Five criteria come from the paper. In the original GenSim2 they use only horizontal distances between measured keypoints
-(the measured keypoint of an object is its last keypoint), so an object in the air above a box counts as inside the box.
-In this package these criteria also check heights and the interiors of containers. Their method ``holds_in_paper``
-applies the original definition, which the verdict ``paper`` needs.
+Five criteria are the paper's. The original GenSim2 uses only horizontal distances of measured (last) keypoints, so an
+object in the air above a box is inside it. Here they also check heights and interiors; ``holds_in_paper`` is the
+original definition, for the verdict ``paper``.
 
-The other criteria check whether a joint is partly open, or where a rigid object is. The position of a rigid object is
-the origin of its frame, which lies near the object's middle.
+The others check a joint's partial opening or a rigid object's place: its frame's origin, near its middle.
 
 Each criterion has the property ``objects`` with the names of the objects that it measures. ``holds`` returns whether
 the criterion is met; a criterion with a NaN measurement is never met. ``progress`` returns a value from 0 to 1, where 1

@@ -54,9 +54,8 @@ def open_archive(path: Path) -> zipfile.Path:
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file with at most ``max_members`` entries. Every entry must be uncompressed or compressed by deflate.
 
-    These two rules keep an archive from filling the memory. ``zipfile`` creates an object for every entry, so this
-    function counts the entries before it calls ``zipfile``. Other compression methods are refused, because ``zipfile``
-    cannot limit the size of the data that it unpacks from a block of bzip2 or LZMA.
+    This keeps an archive from filling the memory: ``zipfile`` creates an object for every entry, and cannot limit the
+    size that it unpacks from a block of bzip2 or LZMA.
 
     Raises:
         BadZipFile: the file has too many entries, or an entry uses another compression.

@@ -1,8 +1,7 @@
 """Check groups and arrays of an untrusted HDF5 file before HDF5 reads data.
 
-Such a file may contain links to other files, arrays whose data is stored in other files, groups that contain
-themselves, and small arrays that claim to have 1e12 rows. This module reads only data inside the file itself, and only
-up to the caller's limits.
+Such a file may link to other files, contain itself, or claim to have 1e12 rows. This module reads only data inside the
+file itself, up to the caller's limits.
 """
 
 from __future__ import annotations
@@ -59,8 +58,7 @@ def dataset_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_ARRAY,
 ) -> h5py.Dataset:
-    """Return the dataset ``name`` of the group ``parent`` without reading its values, so that the caller can read parts
-    of it.
+    """Return the dataset ``name`` of the group ``parent`` without reading its values.
 
     Args:
         dtype: required data type; None: any numbers or booleans.

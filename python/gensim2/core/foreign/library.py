@@ -13,8 +13,7 @@ from gensim2.core.errors import GenSim2Error, InputError
 def read_by_library(file: Path, remedy: str, what: str = "cannot be read") -> Iterator[None]:
     """Turn any exception of a library call into an error that names the file.
 
-    Libraries document only some of their exceptions for damaged files, so every exception except MemoryError counts as
-    damage. The block should contain only calls of the library.
+    Every exception of the library but MemoryError counts as damage, so the block should call nothing else.
 
     Raises:
         InputError: the library raised an exception; the message quotes the exception.

@@ -1,7 +1,6 @@
 """Define size limits for untrusted files of objects and robots; larger files are refused.
 
-Limits for a file format in general are defined in the module that reads the format: ``tree``, ``hdf5``, ``archive``,
-``tensors``, ``geometry``.
+Limits of whole formats are in their readers: ``tree``, ``hdf5``, ``archive``, ``tensors``, ``geometry``.
 """
 
 from __future__ import annotations

@@ -78,11 +78,9 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Within the block, allow the current thread to create only PyTorch weights whose type and shape are in ``shapes``.
-    Each entry of ``shapes`` allows one weight.
+    """Within the block, let this thread create only PyTorch weights with the types and shapes in ``shapes``, each once.
 
-    A configuration may describe a larger model than its weights file contains. In this case an error is raised at the
-    first weight that the file does not contain, before the model fills the memory.
+    So a configuration of a larger model than its weights file is refused before the model fills the memory.
 
     Raises:
         InputError: the module creates a weight that ``shapes`` does not list.

@@ -41,8 +41,7 @@ class TooLargeError(OSError):
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading. For a pipe, raise an error at once; opening the pipe would wait until another
-    process writes to it.
+    """Open a regular file for reading; raise an error at once for a pipe, which would wait for a writer.
 
     Raises:
         NotRegularError: the path is not a regular file.
@@ -210,14 +209,12 @@ class ForeignTree:
         return [str(Path(*parts)) for parts in sorted(found)]
 
     def sizes(self) -> dict[str, int]:
-        """Check that the folder contains only folders and regular files, and return the size of every file by its
-        relative path.
+        """Check that the folder has only folders and regular files, and return the size of each by its relative path.
 
         After this check, the folder may be given to a library that opens the files itself.
 
         Raises:
-            InputError: the folder contains a link, a special file, too many files, a file that is too large, or folders
-                nested too deeply; the message names the first problem.
+            InputError: a link, a special file, too many or too large files, or too deeply nested folders.
         """
         found: dict[str, int] = {}
         waiting = [(self.path, "", 0)]

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 def template(package: str, name: str) -> Template:
     """Return a template from the folder ``templates/`` of a package.
 
-    The template may use the shared templates ``base.html.j2`` and ``parts.html.j2``. A rendered page is a single HTML
-    file, and the page loads other files only from its own folder.
+    Templates may use ``base.html.j2`` and ``parts.html.j2``; pages load other files only from their own folder.
     """
     import jinja2  # import late, because checking arguments does not need this module
 

@@ -1,8 +1,7 @@
 """Define the interface of executors, and the outcomes of jobs.
 
-A job is a pure function of its arguments, so it gives the same result in every attempt and on any machine. Therefore a
-job is run again if its process dies. If the function raises a ``GenSim2Error``, this error is the outcome of the job.
-Any other exception is a bug and counts as a failed attempt. A job whose attempts all fail counts as not run.
+A job is a pure function of its arguments, with the same result in every attempt and on any machine; if its process
+dies, it is run again. A ``GenSim2Error`` is its outcome; any other exception is a bug and a failed attempt.
 """
 
 from __future__ import annotations
@@ -190,8 +189,7 @@ class Executor(ABC):
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
         """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as the job is finished.
 
-        A failed job is attempted ``TRIES`` times, each time in a new process, while others continue. If the caller
-        stops the iteration early, the running jobs are ended.
+        A failed job is attempted ``TRIES`` times, each in a new process; stopping the iteration ends running jobs.
 
         Args:
             function: function of a module, so that it is pickled by name.
@@ -272,8 +270,7 @@ def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = N
 
     Raises:
         WriteError: a job could not write a file. This error is raised at once, because the other jobs would fail, too.
-        GenSim2Error: a job raised another error. If several jobs raised errors, this is the error of the job with the
-            smallest index. It is raised after the last result.
+        GenSim2Error: another error, that of the smallest index, raised after the last result.
         NotRunError: some jobs could not be run. This error is raised after the last result.
     """
     errors: dict[int, GenSim2Error] = {}

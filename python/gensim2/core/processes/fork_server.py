@@ -21,10 +21,9 @@ _registered_in: int | None = None
 def start_fork_server() -> None:
     """Start the fork server, the process from which workers are forked. If the server is already running, do nothing.
 
-    Ctrl-C sends SIGINT to the whole process group. The server ignores SIGINT only after it has imported its modules;
-    before, the signal would end the server with a traceback. Therefore the server must start with SIGINT blocked. A new
-    process inherits blocked signals, so this function blocks SIGINT in the caller while the server starts. If SIGINT
-    arrives during this time, the caller receives the signal afterwards.
+    Ctrl-C sends SIGINT to the whole process group, and would end the server with a traceback while it imports its
+    modules. So this function blocks SIGINT in the caller while the server, which inherits the block, starts; the caller
+    receives the signal afterwards.
     """
     global _registered_in
     forget_piped_script()
@@ -43,9 +42,8 @@ def start_fork_server() -> None:
 def end_unguarded_worker() -> None:
     """End this process without a message if it is a worker process that is still importing the main script.
 
-    A worker process imports the main script. If the script lacks the line ``if __name__ == "__main__":``, this import
-    starts the script's work again. The parent process then raises an error with the remedy, and a traceback from each
-    worker process would only hide this error.
+    Without ``if __name__ == "__main__":``, a worker's import of the main script would start its work again. The parent
+    raises an error with the remedy; tracebacks of workers would only hide it.
 
     Raises:
         SystemExit: this process is such a worker process.
@@ -67,8 +65,7 @@ def forget_piped_script() -> None:
 def _end_server(registered: int) -> None:
     """Kill the fork server when the program ends.
 
-    A server that is still importing modules would not notice that the program has ended, and would keep the program's
-    files open.
+    A server that is still importing would not notice the end, and keep the program's files open.
     """
     server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None and os.getpid() == registered:

@@ -1,9 +1,8 @@
 """Run jobs in worker processes on this machine; the processes share no memory.
 
-Each simulator needs its own process, because SAPIEN runs one environment per process on the CPU. Workers are forked
-from a server process that has imported all modules but has run no job. A forked worker starts in 0.1 s, so replacing a
-worker costs little. A spawned worker would need 8 s, because it would have to import the modules. Neither kind of
-worker gets a copy of the parent's state.
+SAPIEN runs one environment per process on the CPU, so each simulator needs its own. Workers are forked from a server
+that has imported all modules but run no job: 0.1 s instead of 8 s for a spawned worker, and no copy of the parent's
+state.
 """
 
 from __future__ import annotations
@@ -85,8 +84,7 @@ class Worker:
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """Return the outcome of attempt ``number``. The first message of a worker only reports that it is ready; for
-        this message return None.
+        """Return the outcome of attempt ``number``; None for a worker's first message, that it is ready.
 
         Raises:
             WorkerStartError: the process ended before its first job.
@@ -149,8 +147,7 @@ class Worker:
 def start_process(
     target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start a worker process. Return the process, and the parent's end of a connection to the process. The connection
-    closes when the process ends.
+    """Start a worker process; return it and the parent's end of a connection that closes with the process.
 
     Args:
         target: function that the process runs, called with the process's end of the connection and ``arguments``.
@@ -185,9 +182,8 @@ def start_process(
 def preload_modules(modules: Sequence[str]) -> None:
     """Let the fork server import modules once, so that workers start with the modules loaded.
 
-    Call this function before the first worker starts, because the fork server starts together with the first worker.
-    Later calls have no effect. Modules that cannot be imported are skipped, because the jobs that need them will report
-    the error.
+    Call this before the first worker starts, with which the fork server starts; later calls have no effect. Modules
+    that cannot be imported are skipped: the jobs that need them report the error.
     """
     _CONTEXT.set_forkserver_preload(list(modules))
 
@@ -276,16 +272,13 @@ JOBS_PER_WORKER = 500
 class WorkerPool(Executor):
     """A fixed number of worker processes.
 
-    Ctrl-C in the parent ends the workers at once and leaves the ``with`` block. The outcomes that the pool has yielded
-    before are complete, so the caller can keep them.
+    Ctrl-C in the parent ends the workers at once and leaves the block; yielded outcomes are complete.
 
     Args:
-        workers: number of processes. With 0 the jobs run in this process, and unexpected exceptions are raised
-            unchanged, for debugging.
+        workers: number of processes; 0 runs jobs in this process and raises unexpected exceptions unchanged.
         time_limit: time after which a job counts as hung and its worker is replaced, s.
         jobs_per_worker: number of jobs after which a process is replaced.
-        preload: modules that jobs need and that take long to import; they are imported once for all workers. The
-            argument has an effect only in the first pool that this process creates.
+        preload: slow modules, imported once for all workers; only the first pool of a process uses it.
         prepare: function called in each process before its first job; must be picklable.
         on_failure: callback for each failed attempt, even if a later one succeeds.
     """

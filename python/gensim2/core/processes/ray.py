@@ -1,7 +1,6 @@
 """Run jobs on a Ray cluster whose nodes may come and go.
 
-Each actor is one process that runs one job at a time. A job is given only to an actor that is ready, so jobs never wait
-for lost nodes. Nodes that join get new actors.
+Each actor is a process that runs one job at a time, only when ready; nodes that join get new actors.
 """
 
 from __future__ import annotations
@@ -78,11 +77,9 @@ class _Environment:
 
 
 class Head:
-    """Monitor of the head node of a Ray cluster. The monitor keeps a connection to the head node, which ends when the
-    node fails.
+    """Monitor of a Ray cluster's head node by a connection that ends when the node fails.
 
-    Ray itself reacts to a lost head node only after a minute. During this minute requests to Ray would block, and then
-    Ray would end this process with code 1.
+    Ray itself would block requests for a minute after the loss, and then end this process with code 1.
 
     Args:
         address: ``HOST:PORT`` of the control service on the head node.
@@ -143,9 +140,8 @@ class _Place:
 class RayPool(Executor):
     """Executor that runs jobs on a Ray cluster.
 
-    Each job runs in an actor, which is a worker process of Ray. While there are fewer than ``workers`` actors, the pool
-    always keeps one request for a further actor open. Ray starts this actor as soon as a new node joins the cluster, so
-    the pool grows with the cluster.
+    Each job runs in an actor, a worker process of Ray. Below ``workers`` actors, one request for a further actor is
+    always open, so the pool grows when a node joins the cluster.
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.

@@ -11,9 +11,8 @@
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-In the table, an asterisk stands for any name in the middle column of the same row. Actions, rewards, ``success`` and
-``done`` do not come from an observation file but from the recorded episode. Names contain no slash, because LeRobot's
-editing tools and Diffusion Policy's replay buffer interpret a slash as a folder.
+An asterisk in the table stands for any name in the row's middle column. Actions, rewards, ``success`` and ``done`` come
+from the recorded episode. Names have no slash, which other tools interpret as a folder.
 """
 
 from __future__ import annotations
@@ -88,8 +87,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: whether the points are the keypoint positions of the simulator instead of a camera's point cloud. If so,
-            the points are exported as ``environment_state``.
+        known: whether the points are the simulator's keypoints, exported as ``environment_state``, not a cloud.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:

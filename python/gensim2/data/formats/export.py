@@ -1,9 +1,7 @@
 """Export a data set to other formats.
 
-An export to LeRobot or zarr contains the observations and actions from which policies learn. Its folder ``gensim2/``
-contains the original episodes. With the original episodes, the data set can be rendered with other cameras, replayed
-and imported again. The original episodes add little to the size of the export, because they are a hundred times smaller
-than point clouds.
+An export to LeRobot or zarr has the observations and actions from which policies learn. Its folder ``gensim2/`` has the
+original episodes, a hundred times smaller, with which it can be rendered again, replayed and imported.
 """
 
 from __future__ import annotations
@@ -49,8 +47,7 @@ def export(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
-    """Export episodes of a data set to another format and return their number. The export includes a data set card, and
-    is written atomically.
+    """Export episodes with a data set card, atomically, and return their number.
 
     Args:
         path: folder of the data set.
@@ -59,8 +56,7 @@ def export(
             ``"zarr"``: zarr in the layout of Diffusion Policy.
         selection: filter of the episodes.
         observations: include rendered point clouds and images.
-        assets: current folder of the object library, needed for ManiSkill and for selections by clearance; None: the
-            folder recorded in the data set.
+        assets: current folder of the objects, for ManiSkill and clearance; None: the recorded folder.
 
     Raises:
         InputError: an argument or a file cannot be used.

@@ -30,10 +30,9 @@ class Frames:
 
     Attributes:
         sentence: instruction of the task.
-        columns: arrays (T, ...) by name. ``action`` (float32) has the targets of the m joints of the arm and the
-            gripper command from -1 to 1, without the noise that was added during recording. ``reward`` (float32) is 1
-            if the goal is reached after the action. ``success`` and ``done`` are bool. The other columns are
-            observations, named as in :mod:`gensim2.perception.observation`.
+        columns: arrays (T, ...) by name. ``action`` (float32) has the m arm targets and the gripper command from -1 to
+            1, without added noise. ``reward`` (float32) is 1 if the goal is reached; ``success`` and ``done`` are bool.
+            The others are named as in :mod:`gensim2.perception.observation`.
     """
 
     sentence: str
@@ -51,8 +50,7 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of the episode's observation file. The last row is dropped, because there is no
-            action at this time.
+        observation: (T + 1, ...) arrays of the observation file; the last row, without an action, is dropped.
         known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
 
     Raises:

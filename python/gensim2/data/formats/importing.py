@@ -1,12 +1,10 @@
 """Import exported data sets.
 
-A ManiSkill export stores the complete episodes in its trajectories. A LeRobot or zarr export stores frames, and it
-stores the original episodes in a subfolder. From such an export, the import copies the original episodes, and checks
-that the frames agree with the episodes.
+A ManiSkill export stores complete episodes in its trajectories. A LeRobot or zarr export stores frames and, in a
+subfolder, the original episodes, which are copied after a comparison with the frames.
 
-An export may be untrusted. First its files are listed and compared with its manifest. Then a process with limited
-memory parses the files. Finally the episodes of the new data set are counted, and the number is compared with the
-manifest.
+An export may be untrusted: its files are compared with its manifest, parsed in a process with limited memory, and the
+resulting episodes are counted.
 """
 
 from __future__ import annotations
@@ -40,9 +38,8 @@ PRELOAD = ("gensim2.data.formats.importing", "zarr")
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
     """Make a data set from an export of :func:`~gensim2.data.formats.export.export` and return the number of episodes.
 
-    The imported episodes are byte-identical to the exported episodes. Observations are not imported; a message says so,
-    and :func:`~gensim2.data.rendering.render` adds them again. The episodes are read in a subprocess, so a script must
-    call this function below ``if __name__ == "__main__":``.
+    Imported episodes are byte-identical. Observations are not imported; :func:`~gensim2.data.rendering.render` adds
+    them again. A subprocess reads the episodes, so a script must call this below ``if __name__ == "__main__":``.
 
     Args:
         path: folder of the export.

@@ -120,8 +120,7 @@ class LeRobotWriter:
 
     Args:
         root: new or empty folder.
-        features: features by name; names may contain dots but no slashes, because LeRobot's editing tools refuse
-            slashes.
+        features: features by name; names may contain dots but no slashes, which LeRobot's tools refuse.
         fps: frames per second.
         robot: robot type.
 

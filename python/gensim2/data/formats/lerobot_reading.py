@@ -49,8 +49,7 @@ class _Info(BaseModel):
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
     """Yield the instruction and the columns (except images) of each episode of a LeRobot data set, ordered by index.
 
-    In an episode of T frames, a column of scalars has the shape (T,). A column of arrays has the shape (T, *shape),
-    where ``shape`` is the shape of the array in one frame.
+    In an episode of T frames, a column has the shape (T,) for scalars or (T, *shape) for arrays.
 
     Raises:
         InputError: the folder is not a LeRobot v3.0 data set, or is damaged.

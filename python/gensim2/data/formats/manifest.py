@@ -1,11 +1,8 @@
-"""Read and write ``gensim2.json``, the manifest of an export. The manifest lists the size and digest of every file, so
-that changes can be detected.
+"""Read and write an export's manifest ``gensim2.json``: size and digest of every file.
 
-The manifest is checked before any other file is parsed. Only the card, ``README.md``, may be changed by the user. Files
-that the manifest does not list are not read.
+It is checked first. Only ``README.md`` may be changed by the user; unlisted files are not read.
 
-Exports of older versions of gensim2 have no manifest. The point clouds, images and depth images of such exports are
-therefore not checked.
+Exports of older versions have no manifest, so their clouds and images are not checked.
 """
 
 from __future__ import annotations

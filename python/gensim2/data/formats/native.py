@@ -26,8 +26,7 @@ Read = tuple[TaskStore, Episode, EpisodeResult]
 
 
 def copy_native(source: Path, out: Path) -> None:
-    """Copy the files of a data set: its records, tasks, strategies, and the episodes that ``episodes.jsonl`` lists.
-    Other files in the folder are not copied.
+    """Copy a data set's records, tasks, strategies and the episodes in ``episodes.jsonl``, no other files.
 
     Raises:
         InputError: a file is missing, lies outside the folder, is not a regular file, is too large, or cannot be read.

@@ -4,8 +4,7 @@
     meta/episode_ends   (episodes,) int64: total number of frames up to the end of each episode
     meta/task           (episodes,) int64: index of the instruction in the list ``tasks`` (attribute of the root group)
 
-The files use zarr format 2, which both versions 2 and 3 of the zarr library read. One episode is in memory at a time.
-The module ``zarr_reading`` reads such folders.
+zarr format 2, which zarr 2 and 3 read; one episode is in memory at a time. ``zarr_reading`` reads it.
 """
 
 from __future__ import annotations
@@ -71,8 +70,7 @@ class ZarrWriter:
                 because zarr and Diffusion Policy's replay buffer would create a subfolder for it.
 
         Raises:
-            InputError: a key is missing, new or invalid, or the shape of its array differs from the shape in earlier
-                episodes.
+            InputError: a key is missing, new or invalid, or its array's shape differs from earlier episodes.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
             raise InputError(

@@ -1,7 +1,6 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-The metadata of each array is checked before the zarr library opens the array. Otherwise the library could unpickle
-stored objects and thereby run foreign code, or it could allocate more memory than the machine has.
+Metadata is checked before zarr opens an array: it could unpickle objects, which runs foreign code, or fill the memory.
 """
 
 from __future__ import annotations

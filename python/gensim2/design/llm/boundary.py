@@ -2,8 +2,7 @@
 
 The cleaning removes API keys and lone surrogates (characters that UTF-8 cannot encode).
 
-An endpoint may be broken or untrusted. Answers, refusals, headers and protocol errors therefore pass through
-:class:`Boundary` before they are stored, printed or raised.
+Endpoints may be broken or untrusted, so answers, refusals, headers and errors pass through :class:`Boundary`.
 """
 
 from __future__ import annotations

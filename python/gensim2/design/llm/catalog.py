@@ -28,8 +28,7 @@ class Catalog:
 
     Attributes:
         settings: facts about the robot.
-        articulated, rigid: facts about each articulated and each rigid class, by class name. Classes whose objects
-            cannot be read are left out.
+        articulated, rigid: facts by class name; classes with unreadable objects are left out.
         known: tasks that exist already.
     """
 

@@ -71,8 +71,7 @@ def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """Check that the tool and the object have all keypoints that a solver config names. Return a list with the first
-    fault, or an empty list if there is no fault.
+    """Return the first keypoint in a solver config that tool and object lack, as a list, or an empty list.
 
     Args:
         task: task that contains the step.

@@ -31,10 +31,8 @@ class TurnRecord(Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question. The question and its answer are stored in the file ``answers/<first 32 digits of
-            the digest>.json``.
-        problems: faults of the answer. If the whole answer is unusable, these faults are sent back to the model.
-            Otherwise the faulty parts of the answer are left out.
+        answer: digest of the question, stored with its answer in ``answers/<first 32 digits>.json``.
+        problems: faults, sent back to the model if the whole answer is unusable; faulty parts are left out.
     """
 
     answer: str
@@ -158,12 +156,10 @@ class Ask(Generic[T]):
         about: part of the task that the question is about. It distinguishes the questions of one stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
-        read: function that converts the data of an answer to a value; raises Wrong or InputError if the data is
-            invalid.
+        read: function from an answer's data to a value; raises Wrong or InputError for invalid data.
         pictures: pictures sent with the prompt.
         sample: number that distinguishes repetitions of a question.
-        remarks: list to which ``read`` adds the faults of parts that it leaves out of a usable answer. The
-            conversation's record stores the list.
+        remarks: list for faults of parts that ``read`` leaves out; stored in the conversation's record.
         prose: whether ``read`` gets the unparsed text of the answer, under the key ``text``.
     """
 

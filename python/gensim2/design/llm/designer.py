@@ -53,8 +53,7 @@ class LLMDesigner:
     Args:
         model: language model.
         prompts: prompt templates.
-        asking: settings of the requested designs, such as the mode, the target task or object, and the number of
-            configs.
+        asking: settings of requested designs: mode, target task or object, number of configs and others.
         robot_name: name of the robot. Configs may name only those keypoints of the hand that this robot has.
         views: renderer of scenes for the model; None: the model gets no pictures of scenes.
     """
@@ -97,8 +96,7 @@ class LLMDesigner:
     def patience(self) -> int:
         """Maximum number of refinements of a task whose candidates nearly always fail.
 
-        Such a task gets all rounds that the settings allow. The model receives the diagnosis of each failure, so every
-        round may help.
+        Such a task gets all permitted rounds, because the model receives each failure's diagnosis.
         """
         return self.asking.max_rounds
 
@@ -138,14 +136,12 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask the model for solver configs, and combine the configs into candidates. The model is asked about each step
-        that has no known and no rule-based strategy.
+        """Ask for solver configs of each step without a known or rule-based strategy; combine them into candidates.
 
         In a single-step task, candidate n uses the model's n-th config.
 
-        In a task with several steps, each candidate contains several configs of every step, in an order of preference:
-        candidate n begins with the n-th config. If the planner finds no plan with this config, it tries the other
-        configs of the step.
+        In a task with several steps, candidate n has the n-th config of every step first, then the others, which the
+        planner tries if it finds no plan.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -298,9 +294,8 @@ class LLMDesigner:
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """Return the step for which the model should write better configs.
 
-        Only steps for which the model wrote the configs are considered. The method returns the step with the most
-        frequent failure; if none of the steps failed, it returns the last step. The result is None if the model wrote
-        no configs.
+        Among steps with configs by the model, return the one with the most frequent failure, or else the last; None if
+        the model wrote no configs.
         """
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
@@ -320,8 +315,7 @@ class LLMDesigner:
 def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
     """Ask questions in at most ``count`` threads, and return the answers in the order of the questions.
 
-    A model may need minutes for an answer. The threads are daemon threads, so that Ctrl-C ends the run without waiting
-    for these answers. An executor is not used, because Python waits for the threads of an executor at exit.
+    An answer may take minutes; daemon threads, unlike an executor's, let Ctrl-C end the run without waiting.
     """
     waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
@@ -352,8 +346,7 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the best candidate. If several candidates share the best score, return the candidate whose most frequent
-    failure is at the latest step of the task.
+    """Return the best candidate; among equal scores the one whose most frequent failure is at the latest step.
 
     ``results`` must list the best candidate first.
     """

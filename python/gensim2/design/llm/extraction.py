@@ -63,8 +63,7 @@ def mappings(text: str) -> list[Data]:
 def _pieces(text: str) -> Iterator[str]:
     """Yield the parts of a text that may contain data.
 
-    If the text contains code blocks, these blocks are the parts. Otherwise the parts are the passages in braces, and
-    the lines that look like fields (``key: value``).
+    Parts are the code blocks, or else passages in braces and lines that look like fields (``key: value``).
     """
     fenced = [match.group(1) for match in _FENCE.finditer(text)]
     if fenced:

@@ -68,8 +68,7 @@ class ModelOptions(BaseModel):
 
     @property
     def address(self) -> str | None:
-        """Return the endpoint's address. The default is the value of the environment variable ``OPENAI_BASE_URL``; None
-        means OpenAI's own address.
+        """Return the endpoint's address, by default ``OPENAI_BASE_URL``; None means OpenAI's own address.
 
         Raises:
             InputError: the address is invalid, or it contains credentials, a query or a fragment.

@@ -111,8 +111,7 @@ class ModelQuestion:
         subject: task or class that the question is about, for readers of the record.
         messages: messages so far.
         schema: JSON schema of the answer, for endpoints that support one.
-        sample: numbers that distinguish questions with the same text, such as the seed of the run, the number of the
-            proposal and the round.
+        sample: numbers that distinguish questions of the same text, such as seed, proposal and round.
     """
 
     stage: str
@@ -130,8 +129,7 @@ class ModelQuestion:
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
         """Return the digest (hex) of all inputs that determine the answer. It is the key of the cache that runs share.
 
-        The inputs are the question with its model settings (``digest``), the address of the endpoint, the JSON schema,
-        and the setting for structured answers.
+        Inputs are the question with model settings (``digest``), address, JSON schema and structured-answer setting.
         """
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -49,14 +49,12 @@ class Asking:
     """Settings for requesting designs from a model.
 
     Attributes:
-        mode: kind of tasks to request. ``"explore"``: single-step tasks. ``"topdown"``: long tasks, which the model
-            decomposes into steps. ``"bottomup"``: long tasks composed of verified tasks. ``"free"``: tasks that may
-            have several objects, grasped tools and all types of success criteria.
+        mode: tasks to request: ``"explore"``: single-step; ``"topdown"``: long, decomposed by the model;
+            ``"bottomup"``: long, composed of verified tasks; ``"free"``: several objects, grasped tools, all criteria.
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs that are requested at once for a step.
-        max_rounds: maximum number of answers to one question, including corrected answers. It is also the maximum
-            number of rounds in which the model improves configs after a simulation.
+        max_rounds: maximum number of answers to one question, and of rounds that improve simulated configs.
         visual: whether to send pictures.
         code: whether to request code that defines each task, in addition to its description.
     """
@@ -149,8 +147,7 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return solver configs that were tried for a step, with their results: first up to ``SHOWN_BEST`` of the best
-    configs, then up to ``SHOWN_NEW`` of the other configs, the newest first.
+    """Return tried solver configs with results: up to ``SHOWN_BEST`` best, then up to ``SHOWN_NEW`` newest others.
 
     Args:
         step: step for which the configs were written.

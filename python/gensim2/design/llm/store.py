@@ -119,8 +119,7 @@ class AnswerStore:
         return read_record(self.path / MODEL_JSON, ModelRecord, _REMEDY)
 
     def write_model(self, record: ModelRecord) -> None:
-        """Write ``model.json``. If the file exists, check that its model and settings are the same, because all answers
-        in a folder must come from one model with one set of settings.
+        """Write ``model.json``; if it exists, check that model and settings are the same for all answers.
 
         Raises:
             InputError: the folder holds answers of another model or with other settings.
@@ -185,8 +184,7 @@ class AnswerStore:
             question: the question.
             answer: the answer; ``NO_ANSWER`` if the budget was spent before the question was asked.
             shared: digest of question and endpoint, the key of the cache; None: do not cache the answer.
-            spent: message that the budget was spent before the question was asked; None: the question was asked. A
-                replay stops at a question with such a message.
+            spent: message that the budget was spent before the question, where a replay stops; None otherwise.
         """
         said = [
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}

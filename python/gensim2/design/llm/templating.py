@@ -76,8 +76,7 @@ def place(thing: Affordance) -> str:
 def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
     """Return a phrase that describes one keypoint; a prompt adds the phrase to the keypoint's name.
 
-    The phrase states the position of the keypoint, the size of the convex part on which the keypoint lies, and the
-    direction in which the keypoint moves when the joint opens.
+    The phrase states the keypoint's position, its part's size, and its direction as the joint opens.
     """
     facts = geometry.get(name)
     if facts is None:
@@ -140,8 +139,7 @@ class Prompts:
         folder: the user's folder, whose files replace files of the package; None: no folder.
 
     Raises:
-        InputError: the folder does not exist, or contains a file that is unreadable or does not have the name of a
-            prompt.
+        InputError: the folder is missing, or has an unreadable file or one without a prompt's name.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

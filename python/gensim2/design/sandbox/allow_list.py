@@ -91,8 +91,7 @@ def checked(
         methods: methods of ``self`` that the program may call.
 
     Returns:
-        The syntax tree, and up to ten forbidden constructs, each a pair of line number and sentence; none if the
-        program is allowed.
+        The syntax tree, and up to ten forbidden constructs (line number, sentence); none if allowed.
 
     Raises:
         SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
@@ -310,8 +309,7 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers. Refuse all other operands: Python repeats a text or a list when it is multiplied
-    by a number, and the result could fill the memory.
+    """Evaluate arithmetic on numbers only: text or lists times a number could fill the memory.
 
     Raises:
         Refused: an operand is not a number, or a result is out of bounds.

@@ -71,8 +71,7 @@ def interpret(tree: ast.Module) -> dict[str, Any]:
     """Return the fields of the task that a syntax tree describes.
 
     Args:
-        tree: syntax tree that passed the allow-list. Only assignments, calls of the language's functions, and constants
-            are ever evaluated.
+        tree: allowed syntax tree; only assignments, calls of the language's functions and constants are evaluated.
 
     Raises:
         Refused: the tree has a node that is not in the language.

@@ -1,8 +1,7 @@
 """Define the functions and values of the task language, and the task fields that they produce.
 
-A class derived from ``Task`` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and its
-goal (``self.goal``). Each criterion type of :mod:`gensim2.tasks.criteria` is a function. The values are checked later,
-when the task's fields are parsed.
+A class derived from ``Task`` names objects (``self.drawer = Object("drawer")``), steps (``self.step``) and the goal
+(``self.goal``). Criteria types are functions. Values are checked when the fields are parsed.
 """
 
 from __future__ import annotations
@@ -92,8 +91,7 @@ class Task:
         """Assign an attribute. If the value is an object, the attribute's name becomes the object's name.
 
         Raises:
-            ValueError: the value is an object that already has another name, or the attribute is reserved for a
-                setting.
+            ValueError: the object already has another name, or the attribute is reserved for a setting.
         """
         if isinstance(value, Object):
             if name in SETTINGS:
@@ -112,8 +110,7 @@ class Task:
             name: name of the step, unique in the task.
             object: the object that the step acts on.
             tool: "hand", or the grasped object whose keypoints replace the hand's keypoints.
-            strategies: names of alternative strategies. By default, the step has one strategy with the same name as the
-                step.
+            strategies: names of alternative strategies; default: one with the step's name.
             done: criteria of the step's success.
         """
         names = [name] if strategies is None else strategies
@@ -131,8 +128,7 @@ class Task:
 
         Args:
             name: name of the class.
-            docstring: docstring of the class, used as the task's description unless the class has the attribute
-                ``description``.
+            docstring: the class's docstring, the description unless there is an attribute ``description``.
 
         Raises:
             ValueError: a value cannot be converted to JSON data.
@@ -221,8 +217,7 @@ class _Plain:
         """Return ``value`` as JSON data.
 
         Raises:
-            ValueError: the value is too large or nested too deeply, contains an object without a name, or has an
-                unknown type.
+            ValueError: too large or deep, an object without a name, or an unknown type.
         """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:

@@ -1,8 +1,7 @@
 """Blueprint of an instance of a generated class, in the object's model frame.
 
-The model frame follows PartNet-Mobility. Its origin lies near the middle of the body. For a viewer in front of the
-object, x points to the right, y points up, and z points towards the viewer. All geometry is described at joint value
-zero.
+As in PartNet-Mobility, the origin is near the body's middle; for a viewer in front x points right, y up and z towards
+the viewer. Geometry is at joint value zero.
 """
 
 from __future__ import annotations
@@ -55,8 +54,7 @@ class ObjectClass:
         count: number of built-in (listed) instances.
         joint_type: joint type of the class's objects.
         build: function that returns the blueprint of a random instance.
-        others: functions that return blueprints of other designs. Built-in instances use ``build`` only, so that their
-            geometry never changes. Further instances use each design equally often.
+        others: builders of other designs, used equally often by further instances; built-in ones use ``build`` only.
     """
 
     name: str

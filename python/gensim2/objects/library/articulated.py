@@ -60,8 +60,7 @@ class GeneratedShelf(ArticulatedShelf):
     def new(self, asset_class: str) -> tuple[str, ...]:
         """Return the ids of new instances, which can be generated but are not among the built-in instances.
 
-        The ids are consecutive numbers that begin after the last built-in instance. Every class has the same number of
-        new instances.
+        Ids follow the last built-in instance; every class has the same number of new instances.
         """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))

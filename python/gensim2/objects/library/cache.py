@@ -133,8 +133,7 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
 
 
 def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
-    """Return the object that the cache stores under ``key``. If the object is missing or damaged, ``make(folder)``
-    creates it.
+    """Return the cached object of ``key``; ``make(folder)`` creates a missing or damaged one.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -149,13 +148,10 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
-    """Return an object's folder in the cache. If the folder is missing or damaged, ``make(folder)`` creates its
-    content.
+    """Return an object's cache folder; ``make(folder)`` fills a missing or damaged one.
 
-    ``make`` fills a temporary folder, which is renamed when it is complete. Two processes can therefore create the same
-    object at the same time, and both get a complete folder. The file ``MANIFEST`` in the folder contains the digest of
-    every other file. A folder is damaged if a digest is wrong; it is then discarded. Other files in the cache are not
-    touched.
+    ``make`` fills a temporary folder, which is renamed when complete, so two processes can create one object at the
+    same time. ``MANIFEST`` has the digests of all files; a folder with a wrong digest is discarded.
 
     Raises:
         InputError: the cache folder cannot be written to.

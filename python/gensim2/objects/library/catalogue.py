@@ -32,9 +32,8 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class's instances in the library.
 
     Returns:
-        The ids of the split, or None if the class has no split of this name. If ``listed`` lacks an id of the split,
-        the library is not a complete copy of the GenSim2 release. The split is then not defined, and the function
-        returns all ids in ``listed``.
+        The ids of the split, or None without one of this name. If ``listed`` lacks one, the library is no complete
+        GenSim2 release, and all of ``listed`` are returned.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -77,9 +76,7 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Build a library from the object sources in ``shelves``. Each class may occur in only one of these sources.
-        The source ``stand_in`` supplies the classes that all sources in ``shelves`` lack.
-        """
+        """Build a library from ``shelves``, each class in only one of them; ``stand_in`` has the classes that all lack."""
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -191,16 +188,14 @@ class Library:
             )
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
-        """Return the ids of the training split (90 % of the instances) or of the test split (10 %) of a class. The
-        instances are divided at random with a fixed seed, so the result is always the same. If a class has fewer than
-        10 instances, all of them belong to the training split.
+        """Return the training (90 %) or test (10 %) ids of a class, divided with a fixed seed; with fewer than 10
+        instances all are for training.
 
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: number from 0 to 9 that selects the test split. The shuffled instances are divided into ten parts,
-                and the part with this number is the test split. The size of a part is rounded up, so the last parts may
-                share instances with the first parts.
+            tenth: part from 0 to 9 of the ten parts of the shuffled instances that is the test split. Sizes are rounded
+                up, so last parts may share instances with the first.
 
         Raises:
             InputError: the class is too small for a test split, or the split or tenth does not exist.
@@ -320,11 +315,9 @@ def open_library(where: Path | str | None = None) -> Library:
         ```
 
     Args:
-        where: ``"builtin"`` for the generated library, ``"ycb"`` for the YCB objects that ManiSkill downloads, or the
-            path of a folder. The folder may be the GenSim2 release, its subfolder ``articulated_objs`` or
-            ``rigidbody_objs/models``, or a folder in ManiSkill's layout. If the folder lacks a rigid object, the
-            library contains the generated object of the same name. If ``where`` is None, the environment variable
-            ``GENSIM2_ASSETS`` names the folder; without this variable, the generated library is opened.
+        where: ``"builtin"``, ``"ycb"`` (downloaded by ManiSkill), or a folder: the GenSim2 release, its
+            ``articulated_objs`` or ``rigidbody_objs/models``, or ManiSkill's layout. Generated objects replace missing
+            rigid ones. None: ``GENSIM2_ASSETS``, else the generated library.
 
     Returns:
         The library; objects are read on first use.

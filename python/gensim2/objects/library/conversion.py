@@ -13,15 +13,13 @@ from gensim2.objects.types import AssetError
 
 @contextlib.contextmanager
 def as_urdf(source: Path) -> Iterator[tuple[Path, bool]]:
-    """Convert an MJCF or USD file to a temporary URDF file, which is deleted when the ``with`` block ends. For any
-    other file, yield ``source`` itself.
+    """Convert an MJCF or USD file to a temporary URDF during the block; yield any other ``source`` itself.
 
     Yields:
         The URDF file, and whether all collision shapes are known to be convex.
 
     Raises:
-        InputError: the file cannot be imported. If the ``with`` block raises an error about the temporary file, the
-            error names ``source`` instead.
+        InputError: the file cannot be imported; errors of the block about the temporary file name ``source``.
         MissingExtraError: the format's reader is not installed.
     """
     if source.suffix not in (*mjcf.SUFFIXES, *usd.SUFFIXES) or source.is_dir():

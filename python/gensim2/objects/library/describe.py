@@ -12,13 +12,11 @@ from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
-    """Return a description of an object as plain data, in metres, kg and rad. Joint values are in rad for a revolute
-    joint and in m for a prismatic joint.
+    """Return an object's description as plain data, in metres, kg and rad (m for prismatic joints).
 
-    ``size`` (3,) is the size of the bounding box in the root frame, with the joint closed. ``split`` is ``"train"`` or
-    ``"test"``, or ``"none"`` for an instance that the library does not list. ``joint`` is None for a rigid object. Only
-    articulated objects have ``object_axis``, ``default_openness`` and ``urdf``; only rigid objects have ``grip``,
-    ``friction`` and ``folder``.
+    ``size`` (3,) is the closed object's bounding box in the root frame. ``split`` is ``"train"``, ``"test"``, or
+    ``"none"`` if unlisted. ``joint`` is None if rigid. Only articulated objects have ``object_axis``,
+    ``default_openness`` and ``urdf``; only rigid ones ``grip``, ``friction`` and ``folder``.
     """
     common = {
         "class": model.asset_class,

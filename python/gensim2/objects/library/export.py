@@ -1,9 +1,8 @@
 """Export an object as a folder in the layout of the GenSim2 release, so that other tools can load the object.
 
-The folder ``<class>/<id>`` holds ``mobility.urdf``, ``info.json`` and ``textured_objs/``. Lengths are in metres
-(``scale`` is 1). Each collision element is one convex mesh; ``"collision": "convex"`` in ``info.json`` tells readers
-not to decompose it. The exported URDF contains masses, inertias and joint limits, even if the original file lacked
-them.
+``<class>/<id>`` has ``mobility.urdf``, ``info.json`` and ``textured_objs/``, in metres (``scale`` 1). Each collision
+element is one convex mesh (``"collision": "convex"``: readers do not decompose it). Masses, inertias and joint limits
+are always written.
 """
 
 from __future__ import annotations

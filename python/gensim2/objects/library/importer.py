@@ -1,9 +1,8 @@
 """Convert a URDF, MJCF or USD file, or a PartNet-Mobility folder, to an object of a library.
 
-An object of a library has one movable joint, its real size in metres, and keypoints. The imported model may lack these
-properties. A model of PartNet-Mobility, for example, may have many joints, has no keypoints, and is scaled so that the
-diagonal of its bounding box is 2 units long. Its folder contains ``mobility.urdf``, ``textured_objs/``,
-``semantics.txt`` and ``meta.json``.
+A library's object has one movable joint, real size and keypoints, which an imported model may lack. A PartNet-Mobility
+model has ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``, many joints, no keypoints, and a
+bounding box with a diagonal of 2 units.
 
 The import converts the joints by these rules:
 
@@ -14,8 +13,7 @@ The import converts the joints by these rules:
 - If the movable joint rests at its upper limit and opens downwards, it is reversed, so that openness 0 is the resting
   position.
 
-The user may give a scale. With scale ``auto``, the object is scaled so that its longest side is as long as in generated
-objects of the class. If the class has no generated objects, the longest side is 0.3 m long.
+With scale ``auto`` the longest side is as long as in generated objects of the class, or 0.3 m without these.
 
 The import proposes two keypoints. The head keypoint is the point that the hand contacts, and the tail keypoint lies at
 the opposite end of the moving part:
@@ -28,8 +26,7 @@ the opposite end of the moving part:
   tail is the middle of the end that does not contain the head.
 - Head and tail are then moved to the nearest points of the surface.
 
-These rules were tested on the objects of the GenSim2 release, which have annotated keypoints. The median distance
-between the proposed and the annotated head is 12 mm, and 85 % of the distances are at most 5 cm.
+On the GenSim2 release, proposed heads lie 12 mm (median) from annotated ones, 85 % within 5 cm.
 
 Instead of these proposals, a new object can get the keypoints of another object of its class. Each keypoint is then
 placed at the same position relative to the bounding box of its link (:mod:`~gensim2.objects.library.transfer`).
@@ -146,14 +143,11 @@ def import_object(
         name: id of the object.
         joint: name of the joint that stays movable.
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
-        up: axis of the model's root frame that points up. The model's front must face z if y points up, and -x if z
-            points up. A USD file states this axis itself.
-        keypoints: position (3,) of each keypoint by name, in units of the model. The position is given in the root
-            frame if the name contains ``base``, otherwise in the frame of the moving link. A keypoint in this argument
-            replaces the automatic keypoint of the same name. The prefix ``articulated_object_`` of a name may be
-            omitted, as in ``head``.
-        like: id of an object of the same class in the library ``library``. The new object gets this object's keypoints
-            instead of the automatic keypoints.
+        up: root-frame axis that points up; the front faces z if it is y, -x if it is z. USD files state it.
+        keypoints: positions (3,) by name, in the model's units, in the root frame if the name contains ``base``, else
+            in the moving link's. They replace automatic keypoints; ``articulated_object_`` may be omitted, as in
+            ``head``.
+        like: id of an object of the class in ``library`` whose keypoints the new object gets.
         license: licence terms of the model.
         replace: replace an existing object, even if the user edited its files.
 

@@ -177,11 +177,9 @@ def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """Derive the contact point (3,) from the hulls of the moving link. All arguments and the result are in the link's
-    frame, and the joint axis passes through the origin of this frame.
+    """Derive the contact point (3,) from the moving link's hulls, in its frame, with the axis through the origin.
 
-    For a revolute joint, the contact point is the middle of the region that is farthest from the axis. For a prismatic
-    joint, it is the middle of the end that is in front when the joint opens.
+    It is the middle of the region farthest from a hinge, or of a prismatic link's front end as it opens.
     """
     points = np.concatenate(list(hulls))
     along = points @ axis
@@ -200,14 +198,12 @@ def read_keypoints(
     hulls: Sequence[Array],
     warnings: list[str],
 ) -> dict[str, Keypoint]:
-    """Return the keypoints of ``info.json`` in metres. A keypoint is fixed to the root if its name contains ``base``,
-    and to ``link`` otherwise.
+    """Return the keypoints of ``info.json`` in metres, fixed to the root if named ``base``, else to ``link``.
 
     Args:
         info: content of ``info.json``.
         scale: length in metres of one unit of the keypoints' coordinates.
-        T_link_object: (4, 4) pose of the object frame relative to the moving link's frame. The keypoints are given in
-            the object frame.
+        T_link_object: (4, 4) pose of the object frame, in which keypoints are given, in the moving link's.
         link: name of the moving link.
         kind: joint type, ``"revolute"`` or ``"prismatic"``.
         axis: (3,) unit joint axis in the moving link's frame.

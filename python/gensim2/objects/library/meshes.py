@@ -26,8 +26,7 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 class ObjFile(NamedTuple):
     """Content of an OBJ file.
 
-    ``meshes`` contains one mesh for each material. ``materials`` contains the name of each material file to which the
-    OBJ file refers, and whether this file exists.
+    ``meshes`` has a mesh for each material, ``materials`` each referenced file and whether it exists.
     """
 
     meshes: list[Mesh]
@@ -111,8 +110,7 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
     """Write meshes as an OBJ file and an MTL file in the same folder, with one material for each appearance.
 
-    An MTL file has no field for roughness. The roughness is therefore stored in the specular colour, from which
-    :func:`read_materials` computes the roughness again.
+    MTL has no roughness, so it is stored in the specular colour, from which :func:`read_materials` gets it.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
@@ -156,8 +154,7 @@ class MeshReader:
         ``T`` (4, 4) is the unscaled pose of the element's link in the frame of the result.
 
         Raises:
-            AssetError: the file has no ``.obj`` suffix or is not a regular file inside the folder, or the object has
-                too many triangles.
+            AssetError: no regular ``.obj`` file inside the folder, or too many triangles in the object.
         """
         place, shape = T @ element.T, element.shape
         if isinstance(shape, Primitive):

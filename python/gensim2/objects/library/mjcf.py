@@ -1,8 +1,7 @@
 """Convert an MJCF file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-This module reads the MJCF file, the files that it includes, and the meshes, with the limits for untrusted objects.
-MuJoCo's parser then resolves default classes, angles, frames and inertias. The parser gets only the elements listed in
-``ELEMENTS``, as text in memory, and never opens a file. The conversion follows these rules:
+This module reads the MJCF file, its includes and meshes with the limits for untrusted objects. MuJoCo's parser then
+resolves defaults, angles, frames and inertias from a text with the ``ELEMENTS`` only; it opens no file. The rules:
 
 - The object is the only body below the world that contains a hinge or a slide. Its pose in the world is ignored.
 - A geom becomes a collision element if it can touch other geoms, according to ``contype``, ``conaffinity`` or a contact
@@ -179,8 +178,7 @@ class _Converter:
     def _add_body(self, body: int, is_root: bool) -> None:
         """Add a body as a chain of links, one link for each joint of the body.
 
-        The origin of each link is at the anchor of its joint. The last link of the chain gets the shapes of the body,
-        because only this link is moved by all joints of the body.
+        Each link's origin is its joint's anchor; the chain's last link, moved by all joints, gets the body's shapes.
         """
         model, urdf = self._model, self._urdf
         name = urdf.name(model.body(body).name, "link")

@@ -39,8 +39,7 @@ def numbers(values: Array) -> str:
 
 
 def box_of(hull: Array) -> tuple[Array, Array] | None:
-    """If the vertices (N, 3) of a hull are the corners of a box, return the pose (4, 4) and the size (3,) of this box;
-    otherwise return None.
+    """Return pose (4, 4) and size (3,) of the box whose corners are the vertices (N, 3), else None.
 
     Physics engines test boxes faster than meshes, and boxes need no preprocessing.
     """

@@ -1,7 +1,6 @@
 """Read the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
 
-The reader applies the following rules. If a rule repairs an irregular file, the warnings of the instance mention the
-repair.
+Rules of the reader; the instance's warnings mention repairs of irregular files:
 
 - Links that are connected by fixed joints are merged. Two links remain: the body (root frame) and the moving link.
 - A missing or unreadable mesh file is left out. A missing material file is replaced by a default material. The warnings
@@ -127,8 +126,7 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 def _engines_drop(meshes: list[Mesh]) -> bool:
     """Return whether PhysX would ignore a collision file.
 
-    PhysX ignores meshes that have fewer than four distinct vertices, unless the meshes are flat along a coordinate
-    axis. PhysX replaces such flat meshes by a box.
+    PhysX ignores meshes with fewer than four distinct vertices, unless flat along an axis: these become boxes.
     """
     if not meshes:
         return False
@@ -139,9 +137,8 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 def license_of(folder: ObjectFolder) -> str:
     """Return the licence terms of an object.
 
-    The file ``info.json`` states the terms. If it states none, and the object has a file ``meta.json`` and its class
-    occurs in the GenSim2 release, the terms of PartNet-Mobility apply. This function raises no error for a faulty
-    ``info.json``, because the fault is reported when the object is loaded.
+    ``info.json`` states the terms; else those of PartNet-Mobility apply to a released class with ``meta.json``. A
+    faulty ``info.json`` raises no error here, because loading the object reports it.
     """
     try:
         stated = read_info(folder).license
@@ -171,8 +168,7 @@ def read_model(
         asset_class: class of the instance.
         content_hash: hex digest of the instance's files.
         expected_type: usual joint type of the class; a different type causes a warning.
-        rule: method that converts meshes to convex collision parts. Mass, placement and keypoints always use the
-            default method.
+        rule: method for collision parts; mass, placement and keypoints always use the default one.
 
     Raises:
         AssetError: the instance cannot be used; the message names the file and the field.
@@ -244,11 +240,9 @@ def read_model(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Scaled meshes of the body and the moving link. ``seen`` contains the visual meshes of each of these two parts,
-    and ``solid`` contains the collision meshes.
+    """Scaled visual (``seen``) and collision meshes (``solid``) of the body and the moving link.
 
-    ``T_object`` (4, 4) is the unscaled pose of the moving link's first collision element in the link's frame.
-    ``unread`` contains the warnings about files that could not be read.
+    ``T_object`` (4, 4): unscaled pose of the moving link's first collision element; ``unread``: warnings about files.
     """
 
     seen: dict[str, list[Mesh]]

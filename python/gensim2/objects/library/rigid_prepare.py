@@ -58,8 +58,7 @@ FINGER = 0.018
 def steadiness(points: Array, center: Array) -> float:
     """Return the smallest tilt in rad that makes a body tip over. The body stands on its lowest vertices.
 
-    ``points`` (N, 3) are the vertices of the body, and ``center`` (3,) is its centre of mass. The result is negative if
-    the body falls over without being tilted.
+    ``points`` (N, 3) are vertices, ``center`` (3,) the centre of mass; negative if the body falls over untilted.
     """
     low = float(points[:, 2].min())
     foot = points[points[:, 2] < low + FOOT][:, :2]
@@ -86,10 +85,9 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 def resting_sides(points: Array, center: Array) -> Array:
     """Return the sides on which a body can rest, as outward normals (K, 3), the most probable side first.
 
-    The body is the convex hull of ``points`` (N, 3), and ``center`` (3,) is its centre of mass. The probabilities
-    assume that the body is dropped in a random orientation. It then lands on a triangle of the hull with a probability
-    that is proportional to the solid angle of this triangle, as seen from the centre of mass. Next, the body topples
-    from triangle to triangle until its centre of mass is above the triangle on which it lies.
+    The body, the hull of ``points`` (N, 3) with centre of mass ``center`` (3,), is dropped in a random orientation. It
+    lands on a triangle with a probability proportional to its solid angle from the centre, then topples until the
+    centre is above its triangle.
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
@@ -144,9 +142,8 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
     The search compares grasps in all directions, at all heights and on all parts of the object.
 
-    The best grasp is narrow and close to the centre of mass. Its vertical distance from the centre of mass counts most,
-    because round objects slip out of higher grasps. The width of a grasp is the extent of the object between the
-    fingers, within a slab that is as thick as a finger (``FINGER``).
+    The best grasp is narrow and close to the centre of mass, above all vertically, because round objects slip out of
+    higher grasps. Its width is the extent between the fingers in a slab of the thickness ``FINGER``.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -184,9 +181,8 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Return the intervals along ``u`` in which a finger that moves along the line ``v = middle`` would touch the
-    object. The finger touches all material that is closer to the line than half of its width. Two intervals are merged
-    if the gap between them is narrower than the finger.
+    """Return intervals along ``u`` in which a finger on the line ``v = middle`` touches material within half its width;
+    narrow gaps are merged.
     """
     spans = []
     for corners in slices:
@@ -211,10 +207,8 @@ class RigidModel:
     Attributes:
         hulls: convex parts. Each is an array (N, 3) of points in metres in the object frame.
         meshes: visual meshes in the object frame.
-        keypoints: position (3,) and description of each keypoint, by name. The position is in metres in the object
-            frame.
-        mass: mass in kg. If the mass is None, it is computed as ``density`` (kg/m³) times the volume of the hulls. The
-            inertia is always computed from the hulls.
+        keypoints: position (3,), m in the object frame, and description by name.
+        mass: mass in kg; None: ``density`` (kg/m³) times the hulls' volume. Inertia comes from the hulls.
     """
 
     asset_class: str
@@ -294,8 +288,7 @@ def load_from_meshes(
 ) -> RigidObject:
     """Prepare a real rigid object from its meshes.
 
-    Each connected piece of the collision mesh becomes its convex hull. Pieces with cavities are decomposed into several
-    hulls.
+    Each connected collision piece becomes its hull, or several hulls if it has cavities.
 
     Args:
         name: class of the object.

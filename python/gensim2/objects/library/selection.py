@@ -25,13 +25,10 @@ def select(
 
     Args:
         library: object library.
-        words: selections. ``CLASS`` selects all instances of a class. ``CLASS/WHICH`` selects some instances of the
-            class, where ``WHICH`` is an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
-        every: whether to select all objects of the library's own classes as well. This is the default if neither
-            ``words`` nor ``drawn`` is given.
-        drawn: number of random objects to select from each class in ``words``, in addition to the objects that
-            ``words`` selects. If ``words`` is empty, the random objects come from every class. For a generated class,
-            they are new objects; for a folder, they can be any objects in the folder.
+        words: ``CLASS`` or ``CLASS/WHICH``, with an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
+        every: whether to add all objects of the library's own classes; default without ``words`` and ``drawn``.
+        drawn: number of random objects to add from each class in ``words``, or from every class: new objects of a
+            generated class, any of a folder.
         seed: seed of ``random`` and ``drawn``.
         kind: kind of the selected objects; None: both kinds.
 
@@ -72,9 +69,8 @@ def words_of_objects(
 ) -> dict[str, Sequence[str]]:
     """Return the values of the option ``--instances`` that apply to each object of a task, by the object's name.
 
-    If all values are sets (``all``, ``train``, ``test``, ``new``), the values apply to every object of the task. If any
-    value is an id, the values apply only to the object that :func:`object_of_ids` names, because an id belongs to one
-    class. The task's other objects then get the value ``all``.
+    Sets only (``all``, ``train``, ``test``, ``new``) apply to every object. If any value is an id, all values apply
+    only to the object of :func:`object_of_ids`, and the others get ``all``.
 
     Args:
         instances: function that lists the ids of a class.
@@ -123,8 +119,7 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Return each library with the names in ``classes`` that the library has. If ``classes`` is None, return each
-    library with all of its own classes.
+    """Return each library with its names in ``classes``; None: with all its own classes.
 
     Raises:
         InputError: no library has a class of this name.

@@ -41,9 +41,8 @@ class Primitive:
 
     Attributes:
         kind: ``box``, ``cylinder``, ``capsule`` or ``sphere``.
-        size: dimensions in metres. For a box, these are the three side lengths; for a cylinder, the radius and the
-            length along z; for a capsule, the radius and the distance between the centres of the caps; for a sphere,
-            the radius.
+        size: dimensions: a box's sides; a cylinder's radius and length along z; a capsule's radius and distance of cap
+            centres; a sphere's radius.
     """
 
     kind: str
@@ -85,9 +84,8 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint of a URDF file, before the object's scale is applied. ``T`` (4, 4) is the pose of the joint frame in the
-    parent link's frame. ``axis`` (3,) is the joint axis exactly as the file states it, so it may be a zero vector.
-    ``limits`` are in rad for a revolute joint, and in the file's unit of length for a prismatic joint.
+    """A joint of an unscaled URDF file: ``T`` (4, 4), its frame in the parent link's; ``axis`` (3,) as stated, possibly
+    zero; ``limits`` in rad or the file's unit of length.
     """
 
     name: str
@@ -227,8 +225,7 @@ def _pose(origin: Mapping[str, Any], file: Path, field: str) -> Array:
 
 
 def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
-    """Return the visual or the collision elements of a link. Each element is a mesh, a box, a cylinder, a capsule or a
-    sphere.
+    """Return a link's visual or collision elements: meshes, boxes, cylinders, capsules and spheres.
 
     Args:
         urdf: the parsed file.
@@ -272,8 +269,7 @@ def _mesh_file(paths: Sequence[str], folder: Path) -> str:
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
     """Return the colour (4,) of a shape element; None if it has no colour.
 
-    A shape can refer by name to a material that is defined at the top of the URDF. For meshes these materials are
-    ignored, because meshes have their own colours.
+    A shape can name a material from the top of the URDF; meshes, with colours of their own, ignore it.
     """
     if element["rgba"] is not None:
         return np.array(element["rgba"])
@@ -301,8 +297,7 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     """Return the only movable joint.
 
     Raises:
-        AssetError: the model has no movable joint or several, or the joint is neither revolute nor prismatic, or it
-            mimics another joint.
+        AssetError: not exactly one movable joint, neither revolute nor prismatic, or it mimics another joint.
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:

@@ -1,8 +1,7 @@
 """Convert a USD file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-The USD library (``usd-core``) runs in a subprocess with limited memory and time. Because objects are untrusted, this
-module first copies the USD files of the source's folder and limits their size. The library opens only the copies. The
-conversion follows these rules:
+``usd-core`` runs in a subprocess with limited memory and time. This module first copies the source folder's USD files
+with a size limit, because objects are untrusted; the library opens only copies. The rules:
 
 - Each prim with ``PhysicsRigidBodyAPI`` becomes a link. Prims outside all rigid bodies form the static part of the
   scene. If a joint names a prim of the static part, the static part becomes the root link. The scene must have exactly
@@ -179,10 +178,8 @@ class _Joint:
         name: name of the prim.
         kind: ``revolute``, ``continuous``, ``prismatic`` or ``fixed``.
         bodies: paths of the two links; ``""`` is the static part of the scene.
-        frames: pose (4, 4) of the joint frame in the frame of each of the two links, for the poses of the links in the
-            file.
-        axis: (3,) joint axis in the joint frame. A positive joint value moves the second link along this axis, or turns
-            it about this axis, relative to the first link.
+        frames: pose (4, 4) of the joint frame in each of the two links, as posed in the file.
+        axis: (3,) joint axis in the joint frame, along or about which positive values move the second link.
         limits: rad or m; None for a continuous or fixed joint.
     """
 

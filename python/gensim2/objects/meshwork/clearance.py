@@ -1,10 +1,8 @@
 """Decompose the two links of an object into convex hulls that do not collide with each other.
 
-A convex hull covers hollows of its mesh. If the other link moves through such a hollow, the hulls of the two links
-would collide although the meshes do not. The decomposition avoids such collisions in two stages. First, when hulls are
-chosen and merged, a hull that covers space needed by the other link gets a penalty. Afterwards, planes cut off the
-parts of hulls that still reach into the other link. A cut is made only if it removes almost none of the mesh's surface.
-Nothing is cut where the meshes themselves overlap.
+A hull covers hollows of its mesh, where it would collide with the other link although the meshes do not. So, first,
+hulls that cover space the other link needs get a penalty when hulls are chosen and merged. Then planes cut off parts
+that still reach into the other link, if almost none of the mesh's surface is lost and the meshes do not overlap there.
 """
 
 from __future__ import annotations
@@ -118,13 +116,11 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return the points of the free space of this link through which the other link moves. The hulls of this link must
-    not cover these points.
+    """Return the points of free space through which the other link moves, and which hulls must not cover.
 
     Args:
         space: free space around the meshes of this link.
-        points: (N, 3) points of the other link at several joint positions, in this link's frame. At most one point in
-            each cell of a grid is returned.
+        points: (N, 3) points of the other link at several joint positions, in this link's frame; one per grid cell.
     """
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
@@ -219,8 +215,7 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return sample points (N, 3) at which one hull of this link overlaps hulls of the other link. The points lie on
-    the surfaces of these hulls.
+    """Return surface points (N, 3) at which one hull of this link overlaps hulls of the other.
 
     Args:
         hull: (K, 3) vertices of the hull, in this link's frame.
@@ -231,8 +226,7 @@ def _intruders(
         counts: see :meth:`_Parts.cut_free`.
 
     Returns:
-        The points of all poses together, in this link's frame. The array is empty if the overlap is nowhere deeper than
-        ``NOTICED``.
+        All poses' points in this link's frame; empty if no overlap is deeper than ``NOTICED``.
     """
     own = surface_samples(hull)
     found = []
@@ -290,11 +284,9 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of a plane between the samples of the mesh surface (``own``) and the points that the
-    other link occupies (``intruders``).
+    """Return the unit normal (3,) of a plane between surface samples (``own``) and the other link (``intruders``).
 
-    A plane may cut off surface samples, but no sample deeper than ``HOPELESS`` (m) beyond the plane. Return None if
-    every plane would cut deeper.
+    It may cut off samples up to ``HOPELESS`` (m) beyond it; None if every plane would cut deeper.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
@@ -339,11 +331,9 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
-    """Cut a hull by a plane, and return the vertices (M, 3) of the part below the plane: the points p with normal·p <=
-    offset. Return None if no part of the hull is below the plane.
+    """Return the vertices (M, 3) of a hull's part with normal·p <= offset; None without such a part.
 
-    Physics engines need parts that are at least ``THINNEST`` thick. If the remaining part is thinner along ``normal``,
-    the function thickens it downwards, away from the plane.
+    Parts thinner than ``THINNEST``, which engines refuse, are thickened downwards, away from the plane.
     """
     height = hull @ normal - offset
     if (height <= 0).all():

@@ -22,11 +22,9 @@ def planes_of(hull: Array) -> Array:
 
 
 def heights(points: Array, planes: Array) -> Array:
-    """Return the largest signed distance (K,) of each of the points (K, 3) from the planes (M, 4) of a hull. The
-    distance is negative inside the hull, because the planes' normals point outwards.
+    """Return the largest signed distance (K,) of points (K, 3) from a hull's planes (M, 4), negative inside.
 
-    The distances are computed as an array (M, K) with one row for each plane. The maximum over this array is six times
-    as fast as over the transposed array (K, M), because a hull has few planes.
+    An array (M, K) is used: with few planes its maximum is six times as fast as over (K, M).
     """
     above = planes[:, :3] @ points.T
     above += planes[:, 3, None]

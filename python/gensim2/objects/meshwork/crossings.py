@@ -11,8 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 class HullsKey:
-    """Cache key for a tuple of hulls. Two keys are equal only if they refer to the same tuple object, so a comparison
-    does not read the hulls. A key keeps a reference to its tuple, so that no other tuple gets the same identity.
+    """Cache key for a tuple of hulls, equal only for the same object, to which it keeps a reference.
 
     Args:
         hulls: convex vertex sets, each (N, 3).
@@ -37,8 +36,7 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
         along: (3,) unit direction of all lines.
 
     Returns:
-        Two arrays (N, H): signed distance (m) from each point to the line's entry into each hull, and to its exit. They
-        are inf and -inf if the line misses the hull.
+        Two arrays (N, H): signed distance (m) to the line's entry into each hull and exit; inf and -inf for a miss.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):

@@ -1,9 +1,8 @@
 """Decompose a triangle mesh into a few convex hulls that leave its cavities open.
 
-The meshes of the released GenSim2 objects are not watertight. They overlap, and consist of hundreds of connected
-pieces. If the convex hull of a piece fills no cavity, the piece is replaced by this hull. Any other piece is split into
-thin convex plates along its surface. Then neighbouring plates are merged, starting with the pair whose common hull
-fills the least free space. Walls thus become solid again, while cavities stay open.
+Released meshes are not watertight; they overlap and have hundreds of pieces. A piece whose hull fills no cavity becomes
+this hull; others are split into thin convex plates along their surface. Then neighbours merge, the pair that fills the
+least free space first, so that walls become solid and cavities stay open.
 """
 
 from __future__ import annotations
@@ -224,13 +223,11 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Merges hulls in pairs. The next pair is always the pair whose common hull fills the least free space. Among equal
-    pairs, it is the pair with the smallest common hull.
+    """Merges hulls in pairs: first the pair that fills the least free space, then the smallest common hull.
 
-    Computing the common hull of a pair is expensive, so the pairs wait in a priority queue. A new pair enters the queue
-    with lower bounds: zero for the filled space, and the volume of the bigger hull for the volume of the common hull.
-    The common hull is computed only when its pair reaches the front of the queue. Most pairs never reach the front,
-    because one of their hulls has already been merged with another hull.
+    Common hulls are expensive, so pairs wait in a priority queue with lower bounds: zero for the filled space, the
+    bigger hull for the volume. A common hull is computed when its pair reaches the front; most never do, because one of
+    their hulls is merged before.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -327,9 +324,8 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: free space around the pieces. If None, the function computes it.
-        limit: maximum number of hulls. To meet this limit, hulls are merged even if the merged hulls fill cavities.
-            However, hulls that would fill space through which the object's other link moves are merged only while there
-            are more than ``MAX_HULLS_FOR_CLEARANCE`` hulls.
+        limit: maximum number of hulls, for which even cavities are filled; space of the other link's motion only above
+            ``MAX_HULLS_FOR_CLEARANCE`` hulls.
     """
     if not pieces:
         return Decomposition([], 0, 0)
@@ -364,8 +360,7 @@ def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int
         meshes: vertices (N, 3) in metres and faces (M, 3) of each mesh of the link.
 
     Returns:
-        The hulls, each (N, 3), and the number of omitted pieces. A piece is omitted if it is flat or smaller than a
-        millimetre.
+        The hulls, each (N, 3), and the number of pieces omitted as flat or smaller than a millimetre.
     """
     found: list[Array] = []
     dropped = 0

@@ -1,14 +1,11 @@
-"""Find the free space inside a container from the convex collision hulls of the container. Success criteria use this
-space to decide whether an object is inside.
+"""Find a container's free space from its hulls, by which criteria decide whether an object is inside.
 
-A container's last keypoint, here called the measured point, marks the free space: it lies in the space, or above the
-space if objects are dropped into the container. The measured point belongs to the link that contains objects. This is
-the moving link of a drawer, but the body of a box or refrigerator.
+A container's last keypoint, the measured point, lies in the space, or above it if objects are dropped in. It belongs to
+the link that contains objects: a drawer's moving link, but a box's or refrigerator's body.
 
-A grid covers the hulls of this link. A cell of the grid is free if it overlaps no hull, has a floor below it, and has
-walls on at least three of its four sides. Three walls are enough, because a refrigerator is open in front and a drawer
-may lack a back. The result is a box along the link's axes. It approximates the connected group of free cells nearest
-to the measured point, and reaches to the walls.
+A grid covers this link's hulls. A cell is free if it overlaps no hull and has a floor below and walls on at least three
+sides, because a refrigerator is open in front. The result is a box along the link's axes, of the connected free cells
+nearest to the measured point, up to the walls.
 """
 
 from __future__ import annotations
@@ -65,8 +62,7 @@ def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> Inn
     """Return the free space inside a link as a box. Return None if there is no free space near the measured point.
 
     Args:
-        hulls: vertices (N, 3) of the link's convex hulls in the link frame, m. Results are cached for each tuple
-            object, so pass the same tuple again to avoid a new computation.
+        hulls: vertices (N, 3) in the link frame, m; results are cached by the tuple object.
         measured_point: (3,) point in the link frame, m, that marks the free space: the last keypoint of the container.
         up: (3,) vertical direction in the link frame. It is rounded to the nearest axis of the frame.
     """
@@ -113,12 +109,10 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 
 
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
-    """Move each side of the free box outwards to the nearest wall, so that a flat object on the floor of the container
-    counts as inside.
+    """Move each side of the free box to the nearest wall, so that flat objects on the floor are inside.
 
-    The box consists of grid cells and ends before the walls, for two reasons: cells near a hull do not count as free,
-    and outer layers with few free cells were removed. Walls are searched up to two cells beyond each side. A side
-    without a wall in this range is not moved.
+    The box of grid cells ends before the walls, because cells near hulls are not free and outer layers were removed. A
+    side moves to a wall within two cells, or not at all.
     """
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)

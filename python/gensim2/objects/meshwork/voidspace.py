@@ -44,8 +44,7 @@ MAX_PROBES = 5000
 class VoidSpace:
     """Grid of free cells: cells that the surface does not cross and that are connected to the outside.
 
-    The meshes need not be watertight. Space whose openings are all narrower than a cell counts as enclosed, and
-    therefore as solid.
+    Meshes need not be watertight: space with openings narrower than a cell is enclosed, and so solid.
 
     Attributes:
         cell: edge length of a cell in metres.
@@ -85,8 +84,7 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points (N, 3) that can be reached from outside the link. The result is more accurate
-        than the result of ``is_free``.
+        """Return a mask of the points (N, 3) reachable from outside the link, more accurate than ``is_free``.
 
         Points in grid cells that are not free are tested again on a finer grid around these points.
 
@@ -174,8 +172,7 @@ class VoidSpace:
         return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
-        """Return the free volume (m³) inside a plate: a hull that is thinner than two grid cells. Points on the plate's
-        middle plane are tested, and the free area is multiplied by the plate's thickness.
+        """Return the free volume (m³) in a hull thinner than two cells: free area of its middle plane times thickness.
 
         Args:
             points, planes: vertices (N, 3) and outward planes (M, 4) of the hull.
@@ -226,8 +223,7 @@ class Overlap:
 
     Attributes:
         parts: penetration depth of the two links' convex parts.
-        filled: penetration depth of the convex parts at points that are farther than ``SKIN`` from the mesh of at least
-            one link. The convex decomposition causes this overlap, because the meshes do not meet there.
+        filled: penetration depth of the convex parts farther than ``SKIN`` from a link's mesh, due to decomposition.
         meshes: depth to which the mesh of one link enters the space enclosed by the mesh of the other link.
     """
 
@@ -242,12 +238,10 @@ def hull_overlap(instance: ArticulatedObject) -> float:
 
 
 def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
-    """Measure how deeply the two links of an object overlap, and distinguish overlap of the model's meshes from overlap
-    that the convex decomposition adds.
+    """Measure how deeply an object's links overlap, by their meshes or only by the decomposition.
 
-    The meshes are examined only if the convex parts overlap by more than ``threshold`` metres. Meshes of real models
-    are seldom watertight. Therefore space counts as enclosed if every gap that leads into it is narrower than ``GAP``.
-    The depth of a point in enclosed space is its distance from the mesh.
+    Meshes are examined if convex parts overlap by more than ``threshold`` metres. Real ones are seldom watertight, so
+    space behind gaps narrower than ``GAP`` is enclosed; a point's depth is its distance from the mesh.
     """
     common = _common_points(instance, threshold)
     if not common:

@@ -10,9 +10,8 @@ ROWS = 1024
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP that encodes a cloud as one token. The points of the cloud must have a fixed order, as keypoints have. The
-    input of the MLP is the concatenation of all points. Some heads need a feature of each point. This feature is a
-    linear embedding of the point, followed by the token.
+    """MLP that encodes a cloud with a fixed order of points, such as keypoints, as one token, from all points together.
+    A point's feature, which some heads need, is its linear embedding with the token.
 
     Args:
         channels: C, number of channels of a point.
@@ -47,10 +46,8 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
-    In each output channel, the maximum passes a gradient only to the point with the largest value. Only about 90 of 512
-    points have the largest value in any channel. Training therefore first finds these points without gradients, and
-    then evaluates the MLP with gradients only at these points. The result is the same as with gradients at all points,
-    but takes less than half of the time.
+    The maximum passes gradients only to each channel's largest point, about 90 of 512. So these points are found
+    without gradients first, and only they are evaluated with gradients: the same result in less than half of the time.
 
     Args:
         channels: C, number of channels of a point.

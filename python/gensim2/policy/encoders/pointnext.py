@@ -16,9 +16,8 @@ STRIDES = (2, 2, 2, 2)
 
 
 class SetAbstraction(nn.Module):  # type: ignore[misc]
-    """Layer that reduces a cloud to fewer points (set abstraction). It samples some points as centres, applies an MLP
-    to the neighbours of each centre, and takes the maximum over the neighbours. A residual connection adds the centre's
-    own features.
+    """Layer that reduces a cloud (set abstraction): sampled centres, an MLP on their neighbours, the maximum over
+    these, and a residual connection for the centre's features.
 
     Args:
         inner, outer: number of features of an input point, and number of features of a centre in the output.
@@ -51,8 +50,7 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 
 
 class InvertedResidual(nn.Module):  # type: ignore[misc]
-    """InvResMLP block: a maximum over the features of the neighbours, then an MLP whose hidden layer is four times as
-    wide as its input, and a residual connection.
+    """InvResMLP block: a maximum over neighbours, an MLP four times as wide inside, and a residual connection.
 
     Args:
         width: number of features.
@@ -73,13 +71,11 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 
 
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
-    """PointNeXt encoder. A linear layer first computes 32 features for each point. Four stages then reduce the number
-    of points and double the number of features, and a maximum over the points gives the token.
+    """PointNeXt encoder: 32 linear features per point, four stages with fewer points and twice the features, a maximum.
 
     Args:
         channels: C, number of channels of a point.
-        blocks: number of inverted residual blocks in each stage. With 0 the network is PointNeXt-S; the larger variants
-            B, L and XL have more blocks.
+        blocks: inverted residual blocks of each stage: 0 for PointNeXt-S, more for B, L and XL.
     """
 
     tokens, width, feature_width = 1, 512, 32 + 512

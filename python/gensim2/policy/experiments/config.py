@@ -24,16 +24,13 @@ class Arm(BaseModel):
 
     Attributes:
         name: name of the policy and of its folder.
-        objects: origin of the training objects: ``"generated"``, or ``"real"`` for the objects in the asset folder of
-            the run.
+        objects: training objects: ``"generated"``, or ``"real"`` from the run's asset folder.
         count: number of generated training objects of each class. If ``objects`` is ``"real"``, they are added to the
             real objects. With None, the policy trains only on the training split of the objects that ``objects`` names.
         tasks: names of library tasks; one policy learns all of them.
-        minutes_a_task: CPU time in minutes for the data and the training of each task. With None, the value of the
-            experiment applies.
-        start: name of an earlier policy in the experiment with the same training objects. Training continues from its
-            weights and uses its demonstrations, so data are generated only for tasks that the earlier policy does not
-            know. With None, training starts from scratch.
+        minutes_a_task: CPU time (min) of each task's data and training; None: the experiment's value.
+        start: earlier policy of the experiment with the same training objects, whose weights and demonstrations are
+            used; data are generated for new tasks only. None: from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -69,16 +66,13 @@ class ExperimentConfig(BaseModel):
         seeds: number of training runs of each policy, each with a different seed.
         minutes_a_task: CPU time in minutes for the data and the training of each task of a policy.
         scenes: maximum number of scenes that are planned as training data of each task.
-        episodes, control_episodes: number of evaluation episodes of each task: ``episodes`` with the observed point
-            cloud, ``control_episodes`` in control evaluations without it.
+        episodes, control_episodes: evaluation episodes of each task with the cloud, and without it.
         unseen: name of the set of objects that no policy is trained on.
         tenth: number (0 to 9) of the tenth of each class's objects that the first training run leaves out, so that the
             policy can be evaluated on it. The second training run leaves out the following tenth, and so on.
         transfer: whether policies that were trained on generated objects are also evaluated on real objects.
-        text, text_model: text encoder, and folder or Hugging Face name of its weights. With None, the defaults of
-            :func:`~gensim2.policy.learning.learn` apply.
-        sentences: whether policies are also evaluated with the opposite instruction and with paraphrases of the
-            instruction.
+        text, text_model: text encoder and its weights; None: the defaults of :func:`~gensim2.policy.learning.learn`.
+        sentences: whether policies are also evaluated with the opposite instruction and with paraphrases.
         untaught: tasks for evaluation only: every policy is evaluated on these tasks, but no policy is trained on them.
         arms: policies to train, in the order in which the report lists them.
     """

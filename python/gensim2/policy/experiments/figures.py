@@ -22,8 +22,7 @@ class Rate:
     """Success rate, as the number of successful episodes among all episodes.
 
     Attributes:
-        held: number of episodes that meet the success criterion ``held``: the goal is true at the end, with the scene
-            at rest.
+        held: number of episodes with the verdict ``held``: the goal is true at the end, at rest.
         episodes: number of all episodes.
     """
 
@@ -98,9 +97,8 @@ class TaskFigures:
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
     """Return success rates averaged over tasks, and the difference between the rates on seen and unseen objects.
 
-    All tasks have equal weight. For some tasks the policy is also evaluated with the opposite instruction, such as
-    "close" instead of "open". For comparison, ``said_mean`` is the success rate on the same tasks with the correct
-    instruction.
+    Tasks have equal weight. ``said_mean`` is the rate, with the correct instruction, on the tasks that are also
+    evaluated with the opposite one, such as "close" instead of "open".
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}

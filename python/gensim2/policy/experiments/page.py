@@ -74,8 +74,7 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the coordinates for drawing the figure of the report. The figure shows the success rate of each policy in
-    each kind of evaluation, with its interval.
+    """Return the coordinates of the report's figure: each policy's success rates and intervals by evaluation.
 
     If the number of training objects is known for every policy, the horizontal axis shows this number on a logarithmic
     scale. Otherwise the policies are evenly spaced.

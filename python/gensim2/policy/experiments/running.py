@@ -74,8 +74,7 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
 
 
 class ExperimentRecord(RunSettings):
-    """Content of the file ``experiment.json``. It stores the settings of an experiment; an interrupted run can be
-    resumed only with the same settings.
+    """Content of ``experiment.json``: the settings, which a resumed run must share.
 
     Attributes:
         config: configuration of the experiment.
@@ -185,11 +184,9 @@ def run_experiment(
 
     Args:
         config: the experiment.
-        out: output folder. ``<policy>/seed-<n>`` is the folder of one training run, with the files that
-            :func:`~gensim2.policy.learning.learn` writes.
+        out: output folder; ``<policy>/seed-<n>`` has the files of :func:`~gensim2.policy.learning.learn`.
         seed: seed of the first training run of each policy; each further run uses the next integer.
-        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without this folder, policies for real objects are
-            skipped.
+        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
         device: device for training, as for :func:`~gensim2.policy.devices.read_devices`.

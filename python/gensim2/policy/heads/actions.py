@@ -1,9 +1,8 @@
 """Define the columns of action chunks, and normalize chunks.
 
-Actions are predicted in chunks of H control steps. An array of B chunks has the shape (B, H, m + 2). The first m
-columns are the targets of the arm's joints minus the present joint positions, rad or m. Relative targets do not change
-if scene and robot are rotated together about the z axis of the base. The next column is the gripper command from -1
-(closed) to 1 (open). The last column is the end mark: 1 if the episode has ended by this step, else -1.
+A chunk of H control steps is (B, H, m + 2): arm targets minus present joints, rad or m, which stay the same if scene
+and robot are rotated about the base's z axis; the gripper command from -1 (closed) to 1 (open); and the end mark: 1 if
+the episode has ended by this step, else -1.
 """
 
 from __future__ import annotations

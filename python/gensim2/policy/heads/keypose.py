@@ -113,9 +113,8 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         """Return the weights of this head, with the weights of a trained head with fewer classes copied into them.
 
-        The effect is that classes are added to the trained head, whose weights are ``theirs``. The classes of the
-        trained head keep their indices. Only its last class, "done", moves: it becomes the last class of this head. The
-        added classes keep the weights that this head has now.
+        So classes are added to the trained head with the weights ``theirs``. Its classes keep their indices, except for
+        the last, "done", which stays last; the added classes keep this head's weights.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -189,8 +188,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Run the first stage of the network for one strategy class of each sample.
 
-        ``way`` (B,) has the indices of the classes. Return the logits (B, N) of the heatmaps over the points, and the
-        predicted places (B, 3), m, at which the hand acts.
+        ``way`` (B,) has classes. Return heatmap logits (B, N) over the points, and the hand's places (B, 3), m.
         """
         assert context.features is not None
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
@@ -232,11 +230,9 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Return the mean squared error (B,) of predicted rotations (B, K, 3, 3). If the two fingers swap places, the grasp
-    stays the same. The error is therefore computed with and without the swap, and the smaller error counts.
+    """Return the mean squared errors (B,) of rotations (B, K, 3, 3), the smaller with or without swapped fingers.
 
-    A rotation of the hand by 180 degrees about its z axis swaps the fingers. Either all poses of a program are swapped
-    or none.
+    Rotating the hand by 180 degrees about its z axis swaps the fingers, in all poses of a program or none.
     """
     one = (found - true).square().sum((-2, -1)).mean(-1)
     swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)

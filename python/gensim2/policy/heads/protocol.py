@@ -17,15 +17,12 @@ class Context:
     """Inputs of a head.
 
     Attributes:
-        tokens: (B, S, D) tokens that the trunk computes. The first token is the readout token, which summarizes the
-            inputs.
+        tokens: (B, S, D) tokens of the trunk; the first, the readout token, summarizes the inputs.
         cloud: (B, N, 3) present point cloud in the policy's frame, m.
-        points: (B, P, 3) points for which the trunk provides features. If ``features`` is None, these are all points of
-            the cloud.
+        points: (B, P, 3) points with features by the trunk; all of the cloud if ``features`` is None.
         features: (B, P, G) features of ``points``; None if the head needs no features.
         sentence: (B, D) encoding of the instruction; None if the policy ignores it.
-        pointed: predicted hand poses at the next keyframes, frames in which the hand nearly stands still
-            (:mod:`gensim2.policy.pointer`); None if the policy does not predict keyframes.
+        pointed: predicted hand poses at the next keyframes (:mod:`gensim2.policy.pointer`), or None.
     """
 
     tokens: torch.Tensor
@@ -41,8 +38,7 @@ class Head(Protocol):
 
     Attributes:
         wants_features: whether the head needs features of the points.
-        noise: shape of the random noise that :meth:`act` takes for one sample. The noise has a standard normal
-            distribution. The shape is empty if the head needs no noise.
+        noise: shape of :meth:`act`'s standard normal noise for one sample; empty without noise.
     """
 
     wants_features: bool

@@ -48,14 +48,11 @@ Answer = TypeVar("Answer", Ready, Action)
 class RemoteController:
     """Controller that requests each action from a policy server.
 
-    If an answer does not arrive in time, the controller raises an error, and it ignores the answer when it arrives
-    later. An invalid answer raises an error that names the server and the field.
+    A late answer raises an error and is ignored later; an invalid answer's error names server and field.
 
     Args:
-        url: address of the server, ``ws://host:port`` or ``wss://``. The token is read from the environment variable
-            ``GENSIM2_POLICY_TOKEN``.
-        robot: name of the robot that executes the actions. With None the controller accepts the robot that the server
-            names.
+        url: server address, ``ws://host:port`` or ``wss://``; the token is ``GENSIM2_POLICY_TOKEN``.
+        robot: name of the executing robot; None accepts the robot that the server names.
         deadline: time limit for an action, s.
 
     Attributes:
@@ -119,8 +116,7 @@ class RemoteController:
     def disown(self) -> None:
         """Close the connection, and use a wrong token for the next connection.
 
-        ``gensim2 robot`` causes this fault on purpose, to test how its watchdog reacts if the server refuses the
-        connection.
+        ``gensim2 robot`` causes this fault to test its watchdog with a server that refuses the connection.
         """
         self.close()
         self._token = f"not {self._token}"

@@ -1,10 +1,8 @@
 """Define the messages between a client and the policy server. A message is a msgpack map of plain values and arrays.
 
-First the client sends ``hello`` with the token and the version of its protocol. The server answers ``welcome`` or
-``refused``. Then the client sends numbered requests, and the server answers each request with the number of the
-request. The answer to ``reset`` is ``ready``, the answer to ``act`` is ``action``, and the answer to a failed request
-is ``error``. :func:`decode` limits the number of bytes and values of a message. :func:`read_message` checks that the
-message has an expected kind and matches the schema of this kind.
+The client sends ``hello`` with token and protocol version; the server answers ``welcome`` or ``refused``. Then each
+numbered request gets an answer with its number: ``reset`` the answer ``ready``, ``act`` the answer ``action``, or
+``error``. :func:`decode` limits bytes and values, and :func:`read_message` checks kind and schema of a message.
 """
 
 from __future__ import annotations

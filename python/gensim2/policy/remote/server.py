@@ -1,8 +1,7 @@
 """Serve a controller over a websocket (``gensim2 policy serve``).
 
-A client counts as a stranger until the server has verified the token in the client's first message. The number of
-simultaneous strangers is limited. Each stranger gets its own thread, a few seconds of time, and a few kB of memory.
-Only one authenticated client at a time uses the controller.
+A client is a stranger until its first message has shown the token. The number of strangers is limited; each has its own
+thread, a few seconds and a few kB. Only one authenticated client at a time uses the controller.
 """
 
 from __future__ import annotations
@@ -211,8 +210,7 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Check the first message of a client. Return the reason for refusing the client, or None if the client is
-        accepted.
+        """Check a client's first message; return the reason for refusing it, or None.
 
         The caller does not send the reason to a client without the correct token.
         """

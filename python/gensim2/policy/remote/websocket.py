@@ -16,15 +16,13 @@ CHUNK = 1 << 16
 def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     """Return a connection class that closes the connection on a fragmented message or too many control frames.
 
-    Messages of this protocol have a single frame. The websockets library limits the size of a message but not the
-    number of fragments, so a peer could fill the memory with empty fragments. The library also answers every ping, and
-    a peer might never read the answers.
+    Messages have a single frame. The websockets library limits a message's size but not its fragments, which could fill
+    the memory, and answers every ping, although a peer may never read.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: number of bytes that are read and parsed at a time.
-        most: maximum number of control frames (pings, pongs) that the peer may send. The limit of a single connection
-            can be changed later with its attribute ``max_control_frames``.
+        most: maximum number of control frames from the peer; ``max_control_frames`` of a connection changes it.
     """
     from websockets.frames import DATA_OPCODES, Frame
 

@@ -66,8 +66,7 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
 
     Args:
         urdf: path of the URDF.
-        content_hash: hash of the object's files. The results of this function are cached. If a file changes, the hash
-            differs, and the URDF is read again.
+        content_hash: hash of the object's files, by which results are cached.
 
     Raises:
         InputError: the file cannot be read or is not a URDF.

@@ -26,8 +26,7 @@ START = "start"
 
 
 def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack[SceneArguments]) -> None:
-    """Write a scene to an MJCF file, exactly as the engine ``mujoco`` simulates the scene. The file contains the robot,
-    the table, the objects, the drives and the pairs of bodies that can touch.
+    """Write a scene to MJCF as the engine ``mujoco`` simulates it: robot, table, objects, drives, pairs that touch.
 
     Example:
         ```python

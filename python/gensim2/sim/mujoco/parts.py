@@ -18,8 +18,7 @@ from gensim2.sim.scene_state import RobotReader
 class Simulation:
     """A compiled MuJoCo model and its state.
 
-    After ``mj_step``, MuJoCo's joint positions are new, but the poses of the bodies still belong to the previous time
-    step. Reading :attr:`data` updates the poses.
+    After ``mj_step`` joints are new but bodies' poses of the step before; reading :attr:`data` updates them.
 
     Args:
         model: compiled model.

@@ -19,18 +19,15 @@ from gensim2.core.yaml_files import parse_yaml
 class Constants:
     """Physics constants for all scenes and for single object classes.
 
-    With the solver settings of the original GenSim2, a grasped object slips unless the finger drives are "soft", that
-    is, weaker than the default drives.
+    With the original solver settings, grasped objects slip unless drives are "soft", weaker than the default.
 
     Attributes:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
         material: static friction, dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
         fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
-        fingers_for: mapping from an object class to stiffness and damping. In scenes with a rigid object of this class,
-            the original GenSim2 used these values instead of ``fingers``.
-        finger_damping: damping (N s/m) of the soft drives in scenes without rigid objects. In these scenes the soft
-            drives have the stiffness of the robot profile.
+        fingers_for: original stiffness and damping in scenes with a rigid class, instead of ``fingers``.
+        finger_damping: damping (N s/m) of soft drives without rigid objects; stiffness is the robot's.
         picking_fingers: stiffness (N/m) and damping (N s/m) of the soft drives in scenes with rigid objects.
     """
 

@@ -225,9 +225,8 @@ def _steps(
 
 
 def _check_criteria(where: str, given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]) -> None:
-    """Append a fault to ``problems`` for each invalid criterion. A criterion is invalid if it names a rigid object
-    instead of an articulated object or the reverse, or if it requires an object in or on an articulated object that has
-    no place for other objects.
+    """Append a fault to ``problems`` for each invalid criterion: about the wrong kind of object, or about an object in
+    or on one without a place for others.
     """
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         problems.append(f"{where}: must be a list of criteria")

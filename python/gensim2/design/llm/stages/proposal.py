@@ -267,8 +267,7 @@ def _check_place(found: Proposal, catalog: Catalog, problems: list[str]) -> None
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
     """Check a proposed single-step task, and append its faults to ``problems``.
 
-    The goal must not hold at the start, the moving part must have a keypoint, and no known task may have the same class
-    and goal.
+    The goal must not hold at the start, the moving part needs a keypoint, and class and goal must be new.
     """
     thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0

@@ -1,7 +1,6 @@
 """Ask the model for solver configs.
 
-The first question asks for the constraints of the configs, and the second question for their motions. After the configs
-were simulated, further questions ask for better configs.
+Questions ask for constraints, then for motions, and after simulations for better configs.
 """
 
 from __future__ import annotations
@@ -227,8 +226,7 @@ class Tried:
 
     Attributes:
         config: config of the step.
-        outcome: sentences that state how often the planner found a plan with the config, and how often the config
-            succeeded.
+        outcome: sentences on how often the planner found a plan and how often the config succeeded.
         diagnosis: one sentence for each kind of failure.
     """
 
@@ -265,8 +263,7 @@ class Example:
 def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
     """Return up to ``EXAMPLES`` stored configs as examples for the step.
 
-    The examples are the configs of the most similar steps. Steps are compared by their tool, goal and object class.
-    Each class gives at most one example.
+    Examples are configs of the steps most similar in tool, goal and class, at most one per class.
     """
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
@@ -305,8 +302,7 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
     """Return the JSON objects in a model's answer, as dictionaries.
 
-    The model may list the objects under the key ``field`` or at the top level. If the answer contains no list, the
-    function returns every object that has at least one of the keys in ``marks``.
+    Objects may be listed under ``field`` or at the top; without a list, return objects with a key of ``marks``.
     """
     for each in data:
         for name in (field, ITEMS):

@@ -1,7 +1,6 @@
 """Functions and materials that several generated classes share.
 
-Some classes describe their moving part in the closed pose. A function of this module rotates the part to its pose at
-joint value zero.
+Some classes describe the closed moving part, which functions here rotate to joint value zero.
 """
 
 from __future__ import annotations
@@ -190,8 +189,7 @@ def upright_lid(
 ) -> Blueprint:
     """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    The arguments ``lid``, ``head`` and ``tail`` describe the closed lid. This function rotates them to joint value
-    zero.
+    ``lid``, ``head`` and ``tail`` describe the closed lid and are rotated to joint value zero.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {

@@ -20,8 +20,7 @@ def _trim(
 ) -> tuple[list[Solid], list[Solid]]:
     """Generate random fittings for the body and the lid of a box, which are visible but have no collision shape.
 
-    A box has corner plates, straps, lines between planks, or no such fittings. If ``lock`` is true, it also has a lock
-    plate.
+    A box has corner plates, straps, plank lines or no fittings, and with ``lock`` also a lock plate.
 
     Args:
         rng: random generator.

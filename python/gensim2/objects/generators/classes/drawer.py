@@ -21,8 +21,7 @@ def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Sol
 def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, middle: np.ndarray, stroke: float) -> Blueprint:
     """Return the blueprint of a drawer that slides to the front by ``stroke`` (m).
 
-    Objects are put into the middle of the part that is pulled out when the drawer is open, as in real drawers. The hand
-    cannot reach the part behind it.
+    Objects go into the middle of the part that is out when the drawer is open, within the hand's reach.
 
     Args:
         body: fixed parts.

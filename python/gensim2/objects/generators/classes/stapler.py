@@ -1,5 +1,4 @@
-"""Define two classes of generated desk staplers: staplers that are pushed over the table, and staplers whose arm is
-pressed down.
+"""Define desk staplers: staplers that are pushed, and staplers whose arm is pressed down.
 
 The front of a stapler faces +z.
 """
@@ -19,8 +18,7 @@ from gensim2.objects.shapes import Array, Solid, box, convex, rod, rounded_box
 class Stapler:
     """Parts of a stapler whose arm is level.
 
-    ``hinge`` (3,) is a point on the rotation axis of the arm. ``tip`` (3,) is a point on the upper side of the arm, at
-    its front end.
+    Points (3,): ``hinge`` on the arm's axis, ``tip`` on the upper side at the arm's front end.
     """
 
     base: list[Solid]

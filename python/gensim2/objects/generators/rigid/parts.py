@@ -15,8 +15,7 @@ from gensim2.objects.shapes import Array, Look, Mesh, Solid, Vec3, box, convex, 
 class RigidBlueprint:
     """Geometry of a rigid object.
 
-    The z axis points up, and the origin is near the middle of the object. Lengths are in metres. The field ``scale`` of
-    the object's class scales the lengths later.
+    z points up, the origin is near the middle, lengths are in m and scaled later by the class's ``scale``.
 
     Attributes:
         parts: convex parts with their materials.
@@ -34,8 +33,7 @@ class RigidClass:
 
     Attributes:
         mass: mass of the real item, kg, as published with the YCB object set.
-        scale: factor that multiplies all lengths, so that a Panda can grasp the object. The cube of this factor
-            multiplies the mass.
+        scale: factor on all lengths, so that a Panda can grasp the object; its cube multiplies the mass.
         build: function that creates the geometry.
         friction: friction coefficient of the surface.
         description: phrase that describes the object.
@@ -80,15 +78,13 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
     """Return a solid of revolution about the z axis.
 
-    The visual mesh is smooth. The collision shape is a stack of convex hulls. Each hull spans as many consecutive
-    profile points as possible; it ends where the outline is no longer convex.
+    The visual mesh is smooth; the collision shape a stack of hulls, each over as many profile points as stay convex.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
         look: material.
         sides: number of sides of the collision hulls.
-        smooth: number of interpolated points of the visual mesh for each interval between two consecutive profile
-            points. The interpolation is monotone.
+        smooth: interpolated (monotone) points of the visual mesh between two profile points.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -126,8 +122,7 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
     """Return a round vessel that is open at the top.
 
-    The vessel has a floor and a wall. The wall consists of rings of flat segments (staves). Each ring connects two
-    consecutive points of the outline.
+    The vessel has a floor and a wall of rings of flat segments (staves) between outline points.
 
     Args:
         outline: (outer radius, height) from the foot to the rim, metres.
