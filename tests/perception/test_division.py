@@ -11,7 +11,15 @@ import pytest
 from gensim2.core.seeding import rng
 from gensim2.perception import ObservationSpec
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.division import BESIDE, CONNECTED, NOTHING, first_division, next_division, parts
+from gensim2.perception.estimation.division import (
+    BESIDE,
+    CONNECTED,
+    FAR_SHARE,
+    NOTHING,
+    first_division,
+    next_division,
+    parts,
+)
 from gensim2.perception.estimation.goal import DENSE, GoalTracker
 from gensim2.robots import robot
 from gensim2.sim.headless import HeadlessEnv
@@ -83,6 +91,19 @@ def test_a_body_beside_an_object_is_a_part_of_it_if_the_class_stays_probable(
     both = np.concatenate([box, piece])
     labels = first_division(both, 0.0, [BOX], chances_of((box, {BOX: 0.9}), (both, {BOX: chance})))
     assert runs(labels, [box, piece]) == [{0}, {0 if is_part else NOTHING}]
+
+
+@pytest.mark.parametrize(
+    ("gap", "chance", "is_part"), [(FAR_SHARE - 0.05, 0.8, True), (FAR_SHARE - 0.05, 0.3, False), (0.4, 0.8, False)]
+)
+def test_a_body_farther_from_an_object_is_a_part_of_it_if_it_looks_like_the_object(
+    gap: float, chance: float, *, is_part: bool
+) -> None:
+    """The open door of a refrigerator with two doors looks like a refrigerator."""
+    large, door = block(0.0, 0.0, side=0.4), block(0.4 + 0.4 * np.sqrt(3.0) * gap, 0.0, side=0.2)
+    both = np.concatenate([large, door])
+    known = chances_of((large, {BOX: 0.9}), (door, {BOX: chance}), (both, {BOX: 0.9}))
+    assert runs(first_division(both, 0.0, [BOX], known), [large, door]) == [{0}, {0 if is_part else NOTHING}]
 
 
 @pytest.mark.parametrize(("chance", "is_part"), [(0.0, False), (0.1, True)])

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from gensim2.perception.estimation.estimator import LEAST_POINTS, Points
-from gensim2.perception.estimation.presence import CONNECTED
+from gensim2.perception.estimation.presence import CONNECTED, connected_extent
 from gensim2.perception.estimation.rigid import TABLE, Indices, clusters
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +29,11 @@ table, and of a cluster that does not.
 LEAST_RATIO = 0.5
 """A cluster beside an object is a part of this object only if the probability of the object's class, with the cluster,
 is positive and at least this fraction of the probability without the cluster.
+"""
+FAR_SHARE, LIKELY = 0.3, 0.5
+"""Maximum gap between an object and a cluster that looks like the object itself, such as the open door of a large
+refrigerator beside its other door, as a fraction of the object's extent; and minimum probability of the object's class,
+given the cluster alone.
 """
 LEAST_CHANCE = 1e-9
 """Probability of a class that replaces smaller ones, so that their logarithms are finite."""
@@ -106,9 +111,12 @@ def _joined(
         if (labels == number).any()
     }
     for number in sorted(gaps, key=gaps.__getitem__):
-        if gaps[number] > BESIDE:
-            continue
         own = cloud[labels == number]
+        is_near = gaps[number] <= BESIDE or (
+            gaps[number] <= FAR_SHARE * connected_extent(own) and chances(cloud[rows], classes[number]) >= LIKELY
+        )
+        if not is_near:
+            continue
         joined = chances(np.concatenate([own, cloud[rows]]), classes[number])
         # The probability without the body may be 0, because the body is needed for the minimum size of the class.
         if joined > 0.0 and joined >= LEAST_RATIO * chances(own, classes[number]):

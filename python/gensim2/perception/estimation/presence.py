@@ -15,7 +15,7 @@ from gensim2.perception.estimation.deformation import SMALLEST
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points
 from gensim2.perception.estimation.rigid import clusters
 
-CLASS_ODDS = 200.0
+CLASS_ODDS = 100.0
 """Prior odds that an articulated object in the cloud is of the task's kind instead of another kind."""
 CONNECTED = 0.045
 """Maximum distance (m) between neighbouring points of an object. The points of a thinned cloud of a large object are up

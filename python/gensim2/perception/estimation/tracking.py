@@ -273,7 +273,8 @@ class Track:
         estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
         joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
         of its range, unless the new openness contradicts this. If two motions in a row do not move the joint, a larger
-        contradiction is allowed.
+        contradiction is allowed. The joint also counts as being at the end if the object resists a second time without
+        a displacement, and the new openness is uncertain enough.
 
         If a motion has moved a prismatic joint, and the new openness agrees with the measured displacement, each
         keypoint is the more certain of two: the new keypoint, and the old keypoint after the displacement.
@@ -322,16 +323,20 @@ class Track:
             openness, deviation = new.openness, new.openness_deviation
         end = 0.5 + 0.5 * goal
         has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
-        if goal and (has_ended or (is_pressed and goal * change >= MOVED[kind])):
+        # The hand has pressed on the part for the second time without moving it.
+        resists = bool(is_pressed and is_still and self.misses)
+        if goal and (has_ended or resists or (is_pressed and goal * change >= MOVED[kind])):
             most = MOST_DEVIATIONS * new.openness_deviation
             if new.openness_deviation <= UNKNOWN:
                 most = min(most, FAR_FROM_END)
-            if self.misses or (is_pressed and has_ended):
+            if (self.misses and not resists) or (is_pressed and has_ended):
                 most = max(most, REPEATED)
             elif is_pressed is False:
                 # The hand may also have missed the moving part.
                 most = min(most, NEAR_END)
-            is_certain = is_pressed and has_ended and self.misses > 0
+            # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole, such
+            # as a lifted bucket, because its cloud does not show the joint range.
+            is_certain = has_ended and sum((bool(is_pressed), self.misses > 0, bool(found.moving.all()))) >= 2
             if is_certain or abs(new.openness - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
