@@ -40,8 +40,7 @@ class Shown:
         title: title of the page.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: one plan for each step of the task; empty if there are no plans. Each plan starts from the predicted
-            result of the earlier plans.
+        plans: a plan for each step, each from the predicted result before; or empty.
     """
 
     title: str
@@ -73,16 +72,14 @@ def view(
     """Serve a page that shows an episode in the browser, and return immediately.
 
     Args:
-        what: the name or folder of a task, the folder of a data set, or an episode file of a data set. If it is a task,
-            the function first plans and runs an episode of the task.
+        what: a task to plan and run (name or folder), a data set's folder, or one of its episode files.
         task: name of a task in the data set; None: the first task.
         episode: index of an episode in the data set; None: the first successful episode.
         seed: seed of the scene, if a task is run.
         spec: observation spec of the point cloud; None: the default of policies.
         host: address to listen on.
         port: port of the page; if the port is in use, the next free port is used.
-        scene: options for running a task, see :class:`~gensim2.rollout.config.RolloutArguments`. For a data set only
-            ``assets`` is used: the folder in which the data set's objects are now.
+        scene: options for a task, see :class:`~gensim2.rollout.config.RolloutArguments`; of a data set only ``assets``.
 
     Returns:
         The ``viser.ViserServer``; its method ``stop()`` ends the page.
@@ -105,8 +102,7 @@ def _location(assets: object) -> Path | str | None:
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan a task in the scene of a seed, and run an episode. If the planner uses a scene that is estimated from
-    images, the result contains no plans.
+    """Plan and run a task in a seed's scene; without plans if the scene is estimated from images.
 
     Raises:
         InputError: the task does not exist, or an argument is invalid.

@@ -90,8 +90,7 @@ class LimitedArm:
             self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
-        """Send the next command towards the requested joints, and return the command. It respects all limits, so it may
-        differ from the request.
+        """Send and return the next command towards the requested joints, changed to respect all limits.
 
         Args:
             q: (m,) requested joints, rad or m.
@@ -109,8 +108,7 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, state.force, measured, v, self._recent), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command that brakes the arm. The braking motion was computed and checked together with the last
-        normal command. When the arm is at rest, the method sends the last position again.
+        """Send the next command of the braking motion, checked with the last normal command; at rest its last position.
 
         Args:
             t: time at which the command is due, s.
@@ -157,12 +155,10 @@ _FITTED = 0.999
 class Streamer:
     """Plans a smooth motion through the targets; commands are samples of this motion.
 
-    The motion reaches each target no earlier than the target's time, and comes to rest shortly after the last target.
-    New targets extend the motion, so the arm stops by itself if no more targets arrive.
+    It reaches targets no earlier than their times and rests shortly after the last; new targets extend it.
 
     Args:
-        limits: joint limits of the motion. Limits of the tool and of the workspace are not part of this motion; they
-            are checked for each command.
+        limits: joint limits of the motion; limits of tool and workspace are checked for each command.
 
     Attributes:
         late: number of targets that were dropped because they arrived too late.
@@ -242,9 +238,8 @@ class Streamer:
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return the position (m,), velocity (m,) and acceleration (m,) at which a motion through new targets starts.
-        If the last command is a sample of the planned motion, the new motion starts at the present state of the planned
-        motion. Otherwise the new motion starts at the last command.
+        """Return position, velocity and acceleration (m,) from which a new motion starts: those of the present motion
+        if the last command is its sample, else the command's.
         """
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)

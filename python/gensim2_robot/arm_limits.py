@@ -43,22 +43,18 @@ class Braking:
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return stricter limits for a joint that moves on for ``seconds``. If the joint respects the stricter limits
-        now, it respects the original limits at the end of this time.
+        """Return limits with which a joint respects the original ones ``seconds`` later.
 
-        A joint with the velocity v comes closer to the end of its range by ``v * seconds``. If ``room`` is the present
-        distance to the end, the stricter limit is the solution v of ``v = -offset + sqrt(gain (room - v seconds))``.
-        The solution has the form of the original limit, with a larger ``offset``, a larger ``upper`` and a smaller
-        ``lower``.
+        A joint with velocity v comes closer to its end by ``v * seconds``, so with the distance ``room`` the limit
+        solves ``v = -offset + sqrt(gain (room - v seconds))``: the same form with larger ``offset`` and ``upper`` and
+        smaller ``lower``.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest useful position (m,) of each joint, rad. Beyond these positions a joint can
-        only move very slowly: at them, the velocity limit towards the end of the range is only ``0.1 * offset``.
-        """
+        """Return each joint's lowest and highest useful position (m,), rad, where its limit is ``0.1 * offset``."""
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
@@ -110,8 +106,7 @@ _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 class ArmLimits:
     """Limits of every command to an arm.
 
-    Velocity limits are a fraction of the arm's maximum. Acceleration and jerk limits are always the arm's maximum, so
-    that the arm stops as fast as it can.
+    Velocity limits are a fraction of the arm's maximum; acceleration and jerk are the maximum, for fast stops.
 
     Attributes:
         profile: robot profile.
@@ -125,8 +120,7 @@ class ArmLimits:
         force: maximum contact force on the arm, N.
         leash: maximum distance (rad or m) between a target and the measured position of a joint. The limit keeps the
             force small if an obstacle blocks the arm. A measured contact force reduces the distance further.
-        jump: maximum distance (rad or m) of an episode's first target from the arm's position. No target may lie
-            farther than this outside the joint range.
+        jump: maximum distance (rad or m) of an episode's first target from the arm, and of any beyond the range.
     """
 
     profile: RobotProfile
@@ -218,8 +212,7 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float, v: Array) -> Array:
-        """Return the maximum distance (m,), in rad or m, between the target and the measured position of each joint; 0
-        from the fraction ``YIELDING`` of the force limit.
+        """Return each joint's leash (m,), rad or m, which is 0 from ``YIELDING`` of the force limit on.
 
         Args:
             force: contact force, N.
@@ -239,8 +232,7 @@ class ArmLimits:
 
         Args:
             q, v: (N, m) or (m,) positions and velocities of the commands.
-            slack: tolerance for rounding errors. A velocity may exceed its limit by the fraction ``slack`` of the limit
-                plus ``slack`` rad/s.
+            slack: tolerance of velocities for rounding: a fraction of the limit, plus rad/s.
         """
         if self.braking is None:
             return True

@@ -23,8 +23,7 @@ WAKE_UPS = 100
 
 
 def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
-    """Run all checks, and return their results. Each result has the name of the check, whether the check passed, and a
-    finding in words.
+    """Run all checks; return each one's name, whether it passed, and a finding in words.
 
     Args:
         robot_name: name of the robot.

@@ -48,10 +48,8 @@ class MachineClock:
     def punctual(self) -> Iterator[str]:
         """Let this thread run with as little delay as possible within the ``with`` block.
 
-        Three measures shorten delays. The thread gets real-time priority if the operating system permits it (``ulimit
-        -r``). The interpreter switches between Python threads at shorter intervals (``sys.setswitchinterval``). The
-        garbage collector skips all objects that exist at the start of the block, because scanning these objects would
-        take 0.1 s.
+        The thread gets real-time priority if permitted (``ulimit -r``), Python threads switch at shorter intervals
+        (``sys.setswitchinterval``), and garbage collection, which would take 0.1 s, skips the objects of the start.
 
         Yields:
             The scheduling policy of the operating system: ``fifo`` with real-time priority, ``other`` without it.

@@ -36,9 +36,8 @@ class CameraSource:
     """Source of camera images: the kind of the source, and its devices or files.
 
     Attributes:
-        kind: source of the images. ``simulated``: images from ray casting. ``software``: images from ray casting that
-            also pass through software devices of ``pyrealsense2``. ``recording``: images from recordings of RealSense
-            devices or from logs of runs. ``realsense``: images from real cameras.
+        kind: ``simulated``: ray casting; ``software``: also through software devices of ``pyrealsense2``;
+            ``recording``: recordings of RealSense devices or logs; ``realsense``: real cameras.
         devices: recording, log folder or serial number of each camera, by camera name; empty for simulated cameras.
     """
 
@@ -72,8 +71,7 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices in runs with a simulated clock. Each delay is given as a range (s), from which a
-    value is drawn for each episode.
+    """Delays of simulated devices with a simulated clock: ranges (s), of which each episode draws a value.
 
     Attributes:
         camera: delay from the exposure of an image to its arrival.
@@ -120,13 +118,11 @@ class LineConfig:
     """Settings of a control loop, without its task and scenes.
 
     Attributes:
-        arm: ``simulated``, or a driver with the arm's address: ``franka:HOST``, ``panda:HOST``, ``ur:HOST``,
-            ``xarm:HOST``.
+        arm: ``simulated``, ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``.
         cameras: as in :meth:`CameraSource.parse`. Recordings require a dry run with a simulated arm.
         policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner.
-        scene_source: scene that the planner gets. With ``"true"`` the planner knows the state of the simulator. With
-            ``"perceived"`` the estimator of the package computes the scene from the point clouds of the cameras. Any
-            other value is the folder of an estimator.
+        scene_source: the planner's scene: ``"true"``: the simulator's state; ``"perceived"``: the package's estimate
+            from the cameras' clouds; else the folder of an estimator.
         deadline: time limit for an action from a policy server, s.
         speed: fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: minimum distance (rad) of joints from the ends of their range.

@@ -33,8 +33,7 @@ class ArmState:
         q: (n,) positions of all active joints, rad or m.
         v: (n,) velocities, rad/s or m/s.
         force: contact force, N.
-        mode: ``"reflex"`` if the arm's own safety function has stopped it, ``"refusing"`` if it accepts no commands, or
-            ``"at-limit"`` if one of the arm's own limits prevents it from reaching the target.
+        mode: ``"reflex"``: stopped by its own safety; ``"refusing"``: no commands; ``"at-limit"``: a limit of its own.
         reason: reason for the mode, as reported by the arm's library; may be empty.
     """
 
@@ -99,8 +98,7 @@ class CameraDriver(Protocol):
     """Interface of a connection to cameras. Its methods never block.
 
     Attributes:
-        cameras: descriptions of the cameras, with their poses. The pose of a camera that is mounted on a link is given
-            in the link's frame. The poses of all other cameras are given in the base frame.
+        cameras: cameras with poses in the frame of their link, or in the base frame.
         serials: expected serial number by camera name; cameras that are not listed are not checked.
     """
 

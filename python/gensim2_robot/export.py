@@ -48,8 +48,7 @@ GREY = {"r": 0.8, "g": 0.8, "b": 0.8, "a": 1.0}
 def export(folder: Path, out: Path) -> dict[str, Any]:
     """Write a video of a log, a picture of three moments, and a Foxglove file with a layout.
 
-    The picture shows the moments of the first episode at which the arm has made a sixth, a half and five sixths of its
-    motion. If the arm never moves, these are shares of the time.
+    The picture shows a sixth, a half and five sixths of the first episode's motion, or of its time without motion.
 
     Args:
         folder: folder of the log.
@@ -142,8 +141,7 @@ class _Film:
                 self._motions.append(self._motion)
 
     def moments(self, shares: Sequence[float]) -> set[int]:
-        """Return the frames at which the joints have made given shares of their motion in the first episode, after the
-        first pass. In a log without an episode, these are shares of the whole motion.
+        """Return the frames at given shares of the joints' motion in the first episode, or in a log without one.
 
         If the joints never move, the shares are shares of the time.
         """
@@ -199,10 +197,9 @@ def _line(text: str, width: int) -> Frame:
 class _Foxglove:
     """Writes the messages of a log as JSON, in schemas that Foxglove can display.
 
-    The topic ``/camera/<name>`` has images (CompressedImage), ``/cloud`` has point clouds (PointCloud), ``/tf`` has the
-    poses of the links in the base frame (FrameTransforms), and ``/robot`` has the convex hull of each link
-    (SceneUpdate). The topics ``/arm``, ``/sent``, ``/answer``, ``/watch`` and ``/clocks`` have values that Foxglove can
-    plot.
+    Topics are ``/camera/<name>`` (CompressedImage), ``/cloud`` (PointCloud), ``/tf`` (link poses, base frame:
+    FrameTransforms), ``/robot`` (links' hulls: SceneUpdate), and values to plot: ``/arm``, ``/sent``, ``/answer``,
+    ``/watch`` and ``/clocks``.
     """
 
     def __init__(self, stream: BinaryIO) -> None:

@@ -27,8 +27,7 @@ THROUGH_SHARE = 0.3
 THROUGH_PIXELS = 1.0 / 400.0
 """Minimum fraction of an image that the robot must cover for a check of the camera pose."""
 OUTLINE = 1.0 / 100.0
-"""Width of the robot's outline, as a fraction of the image width. Pixels on the outline are not checked, because a
-small error of the calibration moves them off the robot."""
+"""Width of the robot's outline, a fraction of the image's; not checked, because small errors move it off the robot."""
 
 
 class CameraPoseError(GenSim2Error):
@@ -88,8 +87,7 @@ class OwnPoints:
             q: (n,) all active joints at the time of the image.
 
         Raises:
-            CameraPoseError: measured points lie behind the robot, where the camera cannot see. The pose of the camera
-                is therefore wrong.
+            CameraPoseError: measured points lie behind the robot, so the camera's pose is wrong.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
@@ -107,9 +105,7 @@ class OwnPoints:
 def require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Raise an error if measured points lie behind the robot's surface. The robot would hide such points from the
-    camera, so the camera cannot have the assumed pose. Objects in front of the robot are allowed.
-    """
+    """Raise an error if points lie behind the robot's surface, which would hide them; objects before it are allowed."""
     reach = 2 * max(1, round(OUTLINE * depth.shape[1])) + 1
     farthest = maximum_filter(np.where(ids > 0, meshes, np.inf), reach)
     covered = np.isfinite(farthest) & (depth > 0)
@@ -129,8 +125,7 @@ def _marked(
 ) -> npt.NDArray[np.int16]:
     """Return segmentation ids of the pixels whose depth agrees with the meshes at the pixel or at a neighbour.
 
-    The neighbours are compared, too, because objects look wider in the depth images of stereo cameras: a pixel just
-    beside the robot can have the depth of the robot.
+    Neighbours count, too, because stereo depth makes objects wider: pixels beside the robot may have its depth.
     """
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
@@ -149,8 +144,7 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Reduce a camera's resolution: keep every n-th row and every n-th column of pixels. n is the largest number with
-    which an image keeps at least ``pixels`` pixels.
+    """Keep a camera's every n-th row and column, with the largest n that leaves ``pixels`` pixels.
 
     Args:
         camera: camera with full resolution.

@@ -72,8 +72,7 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk that can become full. When the disk becomes full, the next write fails. The log then frees its
-    reserved space, so later writes succeed until this space is used up.
+    """A simulated disk. When it becomes full, the next write fails; then the log's freed reserve can be used.
 
     Attributes:
         full: whether the disk is full.

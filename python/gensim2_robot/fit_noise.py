@@ -57,8 +57,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     Args:
         log: folder of the log.
         out: file to write.
-        base: noise parameters with the geometry of the stereo pair, and with values for the parameters that cannot be
-            estimated.
+        base: noise with the stereo pair's geometry and the parameters that cannot be estimated.
 
     Returns:
         Plain data: the parameters, and the number of pixels from which each one was estimated.
@@ -213,8 +212,7 @@ class _Part:
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the fraction of the pixels in stereo shadows that have no measured depth, and the number of pixels
-        used.
+        """Return the fraction of pixels in stereo shadows without depth, and the pixels used.
 
         A stereo shadow is the area beside the edge of an object that one camera of the stereo pair cannot see.
         """

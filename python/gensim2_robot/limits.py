@@ -1,12 +1,10 @@
 """Check and limit every command to an arm.
 
-For every requested command, a complete stop from this command is computed. The check covers the positions, velocities,
-accelerations and jerks of the stop, the speed and the workspace of the tool, the distances between the robot's links,
-and their distances to the table.
+For every command, a complete stop from it is computed and checked: positions, velocities, accelerations, jerks, the
+tool's speed and workspace, and distances of links and table.
 
-If the check passes, the command is sent. If the check fails, commands between the requested command and the last
-checked stop are checked, and one that passes is sent. If none of these commands passes the check, the arm continues the
-last checked stop. A request can therefore never make the arm exceed a limit.
+If it fails, commands between it and the last checked stop are checked, and one that passes is sent; without one the arm
+continues that stop. So no request can make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -55,12 +53,10 @@ class Commands:
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
     """Return acceleration profiles for stops that last ``count`` cycles.
 
-    The acceleration during a stop is the sum of two profiles. One profile reduces the present acceleration linearly to
-    zero. The other profile is a trapezoid that ends at zero and brakes the arm.
+    A stop's acceleration is the present one, reduced linearly, plus a trapezoid that ends at zero and brakes.
 
     Returns:
-        One tuple for each shape of the trapezoid: the values (count, 1) of the linear profile, the values (count, 1) of
-        the trapezoid, the sum of the linear profile's values, and the sum of the trapezoid's values.
+        For each trapezoid: linear values and trapezoid values (count, 1), and the sums of both.
     """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
@@ -179,8 +175,7 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
         The action (m + 1,), with the gripper command clipped to -1..1.
 
     Raises:
-        RefusedError: the action has the wrong shape or is not finite, a target lies too far outside the joint range, or
-            the first target of an episode is too far from the arm.
+        RefusedError: a wrong shape, not finite, too far outside the joint range, or a first target too far away.
     """
     try:
         given = np.asarray(action, dtype=np.float64)
@@ -217,8 +212,7 @@ def limit(
     v_measured: Array | None = None,
     recent: float = 0.0,
 ) -> Sent:
-    """Return the next command. The command is the target if the target respects all limits; otherwise it leads towards
-    the target and respects all limits.
+    """Return the next command: the target if it respects all limits, else one towards it that does.
 
     This is a pure function.
 
@@ -232,8 +226,7 @@ def limit(
         recent: contact force (N) of the recent past, which reduces the leash like ``force``.
 
     Returns:
-        The command 10 ms after ``sent``. It contains its checked stop, and the names of the limits that changed the
-        command.
+        The command 10 ms after ``sent``, with its checked stop and the limits that changed it.
 
     Raises:
         RefusedError: the target is not finite, or the contact force exceeds its limit.
@@ -281,8 +274,7 @@ def halt(sent: Sent) -> Sent:
         sent: the last command.
 
     Returns:
-        The command 10 ms after ``sent``, with empty ``clips``. Once the arm is at rest, the command repeats its
-        position.
+        The command 10 ms after ``sent``, with empty ``clips``; at rest it repeats its position.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)

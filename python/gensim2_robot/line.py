@@ -1,10 +1,7 @@
-"""Run the control loop of an arm. The loop receives states and images, requests actions, and sends commands that
-respect the limits.
+"""Run an arm's control loop: receive states and images, request actions, send commands within the limits.
 
-The loop runs in cycles of 10 ms. Ten cycles form a period. In each period the loop requests the actions of the next
-period from the controller, which is a policy or the planner. The loop can make a period one cycle shorter or longer.
-Shorter or longer periods shift the requests. The loop shifts the requests until each request follows soon after new
-images, so that the controller gets fresh images.
+A cycle lasts 10 ms, a period ten cycles. In each, the loop requests the next period's actions from the controller, a
+policy or the planner. It makes periods one cycle shorter or longer until each request follows soon after new images.
 """
 
 from __future__ import annotations
@@ -102,9 +99,8 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the number of cycles (-1, 0 or 1) by which the current period should become longer.
 
-    Longer or shorter periods shift the requests until each request follows soon after new images. The function
-    lengthens periods or shortens periods, depending on which direction needs fewer changed periods. If images would
-    otherwise be too old, it always shortens periods.
+    Periods change until requests follow soon after new images, in the direction with fewer changes; they become shorter
+    if images would be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
@@ -137,10 +133,8 @@ class Line:
         done: whether the controller has ended the episode.
         refusal: reason why the controller has refused the episode; None if it has not refused the episode.
         in_phase: whether the requests are synchronized with the images (see :func:`phase_shift`).
-        stopped_ms: time (ms) from the watchdog's last hold or stop to the last command that moves the arm; None until
-            the commands stop the arm.
-        standing_ms: time (ms) from the watchdog's last hold or stop to the measured standstill; None until the arm
-            stands still.
+        stopped_ms: ms from the last hold or stop to the last moving command; None before.
+        standing_ms: ms from the last hold or stop to the measured standstill; None before.
     """
 
     def __init__(
@@ -417,9 +411,8 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return the next command that brakes the held arm. The arm brakes along the planned path if possible. If the
-        last command is not on the planned path, or if braking along this path takes too long, the arm instead executes
-        the stop that was checked against the limits.
+        """Return the next braking command: along the planned path, or the checked stop if the last command is off the
+        path or braking on it takes too long.
         """
         if not self._braking:
             self._braking = True

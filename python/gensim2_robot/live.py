@@ -47,8 +47,7 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that shows a run live. The page receives the same data as a log. A separate thread draws the newest
-    data.
+    """Web page that shows a run live, with a log's data; a separate thread draws the newest.
 
     Args:
         robot_name: name of the robot.
@@ -57,8 +56,7 @@ class LivePage:
         port: port of the page; if the port is in use, the next free port is used.
 
     Attributes:
-        trouble: always None. Logs have this attribute, too: if a log reports a failure in it, the watchdog holds the
-            arm. A failure of the page must not hold the arm, so the page never reports one.
+        trouble: always None; a log reports failures here, for which the watchdog holds the arm.
 
     Raises:
         InputError: a file of the robot cannot be used.

@@ -22,8 +22,7 @@ WAITING = 0.1
 
 
 class LocalArm:
-    """Simulated arm that runs in this process with a simulated clock. The simulation regularly checks the goal and
-    whether the scene is at rest.
+    """Simulated arm in this process with a simulated clock; it regularly checks goal and rest.
 
     Attributes:
         goal: whether the goal was reached at the most recent check.

@@ -1,11 +1,9 @@
 """Log all observations, requests, answers, commands and watchdog states to MCAP files.
 
-A file that reaches a given size is closed, and a new file is started. If the folder exceeds its size limit, the oldest
-files are removed.
+A file of a given size is closed and a new one started; beyond the folder's limit the oldest are removed.
 
-Files stay readable after a failure. The log reserves disk space for closing a file, so a full disk ends the log without
-damage. The reserved space is a file without a name, because the operating system removes such a file when the run ends,
-even if the run is killed.
+A full disk ends the log without damage, because space for closing a file is reserved in a file without a name, which
+the operating system removes even if the run is killed.
 """
 
 from __future__ import annotations
@@ -50,8 +48,7 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to several logs. If a method of a log raises an error, the method of this class raises the same
-    error.
+    """Passes data on to several logs, and raises their errors.
 
     Args:
         several: logs, which get the data in this order.

@@ -111,11 +111,9 @@ class About(LogMessage):
     Attributes:
         robot: name of the robot.
         language: instruction that was given to the policy.
-        pixels: Before observations are computed, images are reduced to a lower resolution, but each image keeps at
-            least this number of pixels. None: images are not reduced, as in version 0.1.
+        pixels: images are reduced before observations, to at least this number of pixels; None: not, as in 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
-        cameras: cameras with images in the log. The pose of a camera that is mounted on a link is given in the link's
-            frame.
+        cameras: cameras in the log, those on a link with poses in its frame.
         task, controller, arm, speed, margin, seed: settings of the run, for information only.
     """
 

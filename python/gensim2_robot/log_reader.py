@@ -1,8 +1,6 @@
-"""Read logs. Logs may be untrusted, so sizes are checked before memory is allocated, and checksums are checked before
-content is parsed.
+"""Read logs, which may be untrusted: sizes are checked before allocations, checksums before parsing.
 
-The log of a killed run has no end record. The reader then reads the file from the start, up to the last complete
-record.
+A killed run's log has no end record; it is read up to the last complete record.
 """
 
 from __future__ import annotations
@@ -282,10 +280,8 @@ class LogReplay:
         compared: number of compared arrays.
         clouds: number of compared arrays that are point clouds.
         different: names of the arrays that differ, each with the number of its request. At most 1000 arrays are listed.
-        missing: number of requests that were not compared, because their images are in a file that was removed, or are
-            no longer in memory.
-        unclosed: names of the files that have no end record, because the run was killed while they were written. The
-            comparison includes these files.
+        missing: requests not compared, because their images were removed or left the memory.
+        unclosed: files without an end record, of a killed run, compared as well.
     """
 
     questions: int

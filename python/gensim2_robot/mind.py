@@ -1,6 +1,5 @@
-"""Connect a controller to the control loop of an arm. The controller runs in the rollout loop that is also used in
-simulation. The rollout loop asks the controller for one action at a time, whereas the control loop of the arm requests
-chunks of actions. :class:`LineBody` collects the single actions into chunks.
+"""Connect a controller to an arm's control loop. The rollout loop, also used in simulation, asks for one action at a
+time; :class:`LineBody` collects them into the chunks that the control loop requests.
 """
 
 from __future__ import annotations
@@ -81,8 +80,7 @@ class ControllerAnswer:
         encoding_ms: time for computing the point cloud, ms; None without a cloud.
         acting_ms: computing time of the controller, ms.
         error: reason why there are no actions; None if there is no error.
-        refusal: reason why the controller has ended the episode without a motion, for example the object that it sees
-            instead of the object of the task; None if the controller has not refused the episode.
+        refusal: why the controller ended the episode without a motion, such as what it sees instead; None otherwise.
     """
 
     number: int
@@ -98,8 +96,7 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """Everything that the process of a controller needs to create the controller and its observations. The object can
-    be sent to that process.
+    """Everything from which a controller's process, to which it is sent, makes controller and observations.
 
     Attributes:
         controller: specification of the controller.
@@ -124,9 +121,8 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Adapter through which the rollout loop answers the requests of the control loop. The control loop requests chunks
-    of actions, but the rollout loop computes one action at a time. ``observe`` waits for a request, and ``step``
-    collects actions until the chunk is complete.
+    """Adapter between the control loop, which requests chunks, and the rollout loop: ``observe`` waits for a request,
+    ``step`` collects actions until the chunk is complete.
 
     Args:
         spec: description of the controller.

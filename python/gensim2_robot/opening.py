@@ -280,8 +280,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
     Args:
         prepared: checked inputs.
-        believed: cameras with the poses that the control loop uses. In simulation, these calibrated poses can differ
-            from the true poses.
+        believed: cameras with the poses in use, which may differ from true ones in simulation.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:

@@ -36,9 +36,8 @@ class DeviceGoneError(GenSim2Error):
 class MessagePipe:
     """One end of a pipe between two processes. The methods of this class never block.
 
-    The class replaces ``multiprocessing``'s class ``Connection``. If the other process is suspended, the methods of a
-    ``Connection`` can wait forever: ``send`` waits while the kernel's buffer is full, and ``recv`` waits for the rest
-    of a message. The other end of the pipe may still be a ``Connection``.
+    It replaces ``Connection``, which can wait forever for a suspended process: ``send`` for a full buffer, ``recv`` for
+    the rest of a message. The other end may still be one.
 
     Args:
         connection: connection of this end.
@@ -161,12 +160,10 @@ class SharedPicture:
 class PictureSlots:
     """Gives a process access to images in shared memory. The memory is divided into slots, each for one image.
 
-    A slot belongs to one process at a time, the writer or the reader. The writer fills a slot and sends a message about
-    the slot. The slot then belongs to the reader, until the reader returns the slot to the writer.
+    A slot belongs to the writer, which fills it and sends a message, then to the reader until it returns the slot.
 
-    The process that creates the memory sends the memory's name to the other process. The other process opens the memory
-    and then deletes the name. The name is deleted so that the operating system frees the memory when the last process
-    that uses the memory ends, even if this process is killed.
+    The creator sends the memory's name; the other process opens the memory and deletes the name, so that the memory is
+    freed with its last process, even if that is killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -185,8 +182,7 @@ class PictureSlots:
 
     @classmethod
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
-        """Create shared memory. Return this process's access, and a description with which another process can open the
-        same memory.
+        """Create shared memory; return this process's access, and a description for opening it in another.
 
         Raises:
             GenSim2Error: the machine has too little shared memory.

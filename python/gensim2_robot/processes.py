@@ -1,8 +1,6 @@
-"""Run the simulated arm in one process and the controller in another process, with the machine's clock. No function of
-this module blocks its caller.
+"""Run simulated arm and controller in processes with the machine's clock; nothing here blocks its caller.
 
-If the whole process group receives a stop signal, only the supervising process reacts to the signal. The supervising
-process first stops the arm and then ends the device processes.
+On a stop signal to the group, only the supervising process reacts: it stops the arm, then ends the others.
 """
 
 from __future__ import annotations
@@ -102,9 +100,8 @@ class DeviceProcess:
     def close(self) -> list[Any]:
         """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
 
-        An unread message can describe shared memory that the caller has not opened yet. The caller must still open this
-        memory: opening deletes the name of the memory, and the operating system frees memory only after its name has
-        been deleted.
+        An unread message may describe unopened shared memory, which the caller must still open: this deletes its name,
+        without which it would not be freed.
         """
         self.tell(None)
         self._process.join(timeout=ENDING)

@@ -75,8 +75,7 @@ class GivenActions:
 
 
 class Puppet:
-    """A control loop that follows joint targets from another program. The loop runs in its own thread, and tries to
-    move the arm to each target within 0.1 s.
+    """Control loop in a thread that follows another program's joint targets, each within 0.1 s if possible.
 
     If no target arrives for 200 ms while the arm moves, the watchdog holds the arm, as it does with any controller.
 

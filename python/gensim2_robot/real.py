@@ -43,8 +43,7 @@ class ProcessCameras:
 
     Raises:
         GenSim2Error: ``make`` raised a GenSim2Error, which is raised again.
-        DeviceGoneError: ``make`` raised another exception, the process has ended, the cameras did not open within 60 s,
-            or a stop signal arrived.
+        DeviceGoneError: ``make`` failed, the process ended, no opening within 60 s, or a stop signal.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:
@@ -131,8 +130,7 @@ def open_arm(word: str, profile: RobotProfile) -> StreamedArm:
     """Connect to an arm.
 
     Args:
-        word: ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``, as in
-            :class:`~gensim2_robot.config.LineConfig`.
+        word: ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``.
 
     Raises:
         MissingExtraError: the maker's library is not installed.

@@ -72,8 +72,7 @@ class Devices:
     Attributes:
         arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
         stage: arranges the scene of each episode.
-        failing: function that injects a fault into a device, for each kind of device. The kind is the first word of a
-            fault's name, such as ``camera``. The mapping is empty for real devices.
+        failing: function that injects a fault, by kind (a fault's first word, such as ``camera``); empty if real.
     """
 
     arm: ArmDriver
@@ -112,8 +111,7 @@ class Ended:
         over: whether the controller ended the episode. False if the goal or the time limit ended it.
         seconds: duration, s.
         at_rest: whether the scene was at rest at the end; None if only a person can tell.
-        lost: whether the goal was reached long enough to end the episode, but was no longer reached after the scene had
-            settled.
+        lost: whether the goal ended the episode but did not hold after the scene had settled.
         refusal: reason why the controller has refused the episode; None if it has not refused the episode.
     """
 
@@ -183,10 +181,8 @@ class Session:
 
         Args:
             seconds: time limit, s.
-            layouts: scenes of the episodes. Each scene is taken from the iterator after the previous episode has
-                finished, so a scene can depend on earlier results.
-            goal_ends: whether an episode ends as soon as its goal is reached. The goal must be reached for some time,
-                and must still be reached after the scene has settled.
+            layouts: scenes, each taken after the previous episode, so that it can depend on its result.
+            goal_ends: whether a goal that holds for some time, and after settling, ends an episode.
             ended: callback that is called after each finished episode.
         """
         try:
@@ -263,9 +259,8 @@ class Session:
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
         """Run one episode, and return whether the run must end.
 
-        The result of a complete episode is added to ``_outcomes``. An episode is complete if the controller has
-        finished, the goal is reached, or the time limit of the episode has passed. The result is not added if the
-        watchdog or the time limit of the run interrupts the episode.
+        Results of complete episodes (controller done, goal reached, or episode's time limit) are added to
+        ``_outcomes``; not those that the watchdog or the run's time limit interrupts.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
@@ -319,8 +314,7 @@ class Session:
         """Keep the arm in place until the scene has settled.
 
         Returns:
-            Total time (s) for which the watchdog held the arm while the scene settled. The result is None if the
-            watchdog held or stopped the arm and no person resumed.
+            Total time (s) of holds while the scene settled; None if no person resumed.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
@@ -441,8 +435,7 @@ class Session:
 def result(
     about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
-    """Return the result of a run as plain data. Fields about episodes and commands have the values of a run without
-    episodes, and the caller may replace these values.
+    """Return a run's result as plain data, with the values of a run without episodes for the caller to replace.
 
     Args:
         about: description of the loop.

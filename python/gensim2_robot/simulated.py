@@ -46,8 +46,7 @@ class Rows:
     Attributes:
         time: time of the state, s.
         episode: number of times that the world was reset before this state.
-        states: state of the scene in the format of ManiSkill's ``env_states``. The first axis of each array has the
-            length 1, because the state describes one instant.
+        states: state as in ManiSkill's ``env_states``, with a first axis of length 1.
         models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """
@@ -84,8 +83,7 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Create a new scene. An arm that had refused commands accepts commands again, unless the injected fault is
-        permanent.
+        """Create a new scene; a refusing arm accepts commands again, unless the fault is permanent.
 
         Args:
             seed: seed of random values.
@@ -148,8 +146,7 @@ class SimulatedWorld:
         return self._env.scene_state()
 
     def look(self) -> tuple[bool, bool]:
-        """Return two values. The first value is whether the goal is reached and the simulation is stable. The second
-        value is whether the scene is at rest.
+        """Return whether the goal is reached in a stable simulation, and whether the scene is at rest.
 
         The scene is at rest if no object has moved since the last call. Call this method every ``GOAL_EVERY`` cycles.
         """
@@ -216,8 +213,7 @@ class SimulatedCameras:
     Args:
         cameras: cameras to simulate.
         seed: seed of the noise.
-        noise: noise model. The depth noise is drawn for each image; constant errors of the camera pose, the depth and
-            the clock are drawn for each episode.
+        noise: noise model: depth noise of each image; constant errors of pose, depth and clock of each episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:

@@ -1,5 +1,4 @@
-"""Decide whether an arm may move. The watchdog is a state machine with the states idle, armed, running, holding and
-stopped.
+"""Decide whether an arm may move: a state machine of idle, armed, running, holding and stopped.
 
 The watchdog is only a software stop; it is not safety-rated (see docs/guides/robot.md).
 """
@@ -46,10 +45,8 @@ class WatchRules:
         thinking: time limit for an answer of the controller while the arm stands still.
         late_answers: the arm is held after this number of consecutive answers in which all actions are too late.
         state_age: maximum age of the newest state received from the arm.
-        behind: maximum distance (rad or m) of the arm's joints from the nearest recent command. The watchdog checks
-            this distance only while the contact force is below ``pressed``.
-        pressed: contact force (N) from which an obstacle may be blocking the arm. A blocked arm cannot follow its
-            commands, so the watchdog does not hold it until the contact force reaches its limit.
+        behind: maximum distance (rad or m) of joints from the nearest recent command, below ``pressed``.
+        pressed: contact force (N) that may mean an obstacle; a blocked arm is then held at the force limit only.
         window: maximum age of the recent commands with which the arm's joints are compared.
         overrun: maximum tolerated delay of the start of a period.
         overruns: the arm is stopped after this number of consecutive delays that are larger than ``overrun``.
@@ -76,8 +73,7 @@ class StateChange:
         time: time of the change, s.
         state: new state.
         reason: reason for the change, as text.
-        at_once: whether the arm's own controller must stop the arm, because stop commands of the control loop would be
-            too late or would be refused.
+        at_once: whether the arm's own controller must stop it, because commands would be late or refused.
     """
 
     time: float
@@ -178,8 +174,7 @@ class Watch:
     def saw_frame(self, frame: CameraFrame, now: float) -> None:
         """Check a received image, and hold the arm if the image is faulty.
 
-        Every camera has noise, so two images are never equal. If an image equals the previous image, the camera is
-        frozen. If some rows of an image equal the rows of the previous image, the image is torn.
+        Cameras have noise, so images never repeat: an equal image is frozen, equal rows are a torn image.
         """
         expected = self.serials.get(frame.camera)
         if expected is not None and frame.serial != expected:

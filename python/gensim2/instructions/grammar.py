@@ -195,7 +195,7 @@ class _Reading:
         self._before = clause
 
     def _with_part(self, clause: Clause) -> Clause:
-        """Return the clause with a stated part as "it", if that has a meaning: "the lid of the box is up, put it down"."""
+        """Return the clause with a stated part as "it", if that has a meaning: "the lid is up, put it down"."""
         part, self._subject = self._subject, None
         if part is None or part.noun is None or part.part is None:
             return clause

@@ -37,12 +37,10 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return the stages of a task. There is one stage for each step with criteria, and one stage for the goal, unless
-    the goal equals the criteria of the last step.
+    """Return a task's stages: one for each step with criteria, and one for a goal unlike the last step's.
 
-    A step without criteria (field ``done``) is part of the next stage, which ends with the next step that has criteria.
-    Part of a stage's reward is for moving the gripper to an object. If a stage has several steps, that object is the
-    object of the first step.
+    Steps without ``done`` belong to the next stage with criteria. Part of a stage's reward is for moving the gripper to
+    the object of its first step.
     """
     found: list[Stage] = []
     first: str | None = None
@@ -59,8 +57,7 @@ def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
 class StagedReward:
     """Dense reward of an episode, normalized to 0..1: 1 exactly when the goal holds.
 
-    All stages have equal weight and follow the order of the task's steps. The reward of a finished stage is kept even
-    if a later stage reverses it, for example if an opened drawer is closed again.
+    Stages have equal weight and the steps' order; a finished one keeps its reward, even if it is reversed later.
 
     Args:
         task: task whose steps and goal are rewarded.

@@ -1,8 +1,7 @@
 """Define the task specification: an immutable, validated value that can be converted to YAML and JSON.
 
-A task has named objects and one or more steps. A step is one interaction with an object: a hand pose at the object (the
-actuation pose), the motions before and after it, and a gripper command. The spec contains only the names of the
-strategies of its steps; the strategies are in files (``strategies/<name>.yaml``).
+A task has named objects and steps. A step is one interaction: an actuation pose at an object, motions before and after,
+a gripper command. The spec has only the names of strategies, which are in ``strategies/<name>.yaml``.
 """
 
 from __future__ import annotations
@@ -78,8 +77,7 @@ class Place(_Value):
 
     Attributes:
         on: ``"table"``, or the name of the object that supports or contains this object.
-        at: x and y in the world, m; None: the default placement of the object on the table, or the middle of the
-            supporting object.
+        at: x and y in the world, m; None: the default placement, or the supporting object's middle.
         yaw: rotation from the default placement about the vertical, rad.
     """
 
@@ -89,17 +87,14 @@ class Place(_Value):
 
 
 class Randomization(_Value):
-    """Ranges from which the initial pose and the openness of an object are sampled. Lengths are in metres, angles in
-    radians. The edges of the table are 0.65 m from the origin of the world frame.
+    """Ranges of an object's initial pose and openness, in m and rad; table edges are 0.65 m from the origin.
 
-    The object is rotated about the vertical axis by a random angle, at most the absolute value of ``yaw``. The
-    direction of the rotation depends on the side to which the y offset shifts the object. With a positive ``yaw`` the
-    object turns towards the robot, and with a negative ``yaw`` it turns away from the robot.
+    The yaw is random up to the absolute value of ``yaw``; its direction depends on the side of the y offset: with a
+    positive ``yaw`` towards the robot, with a negative one away from it.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
-        yaw: limit of the rotation about the vertical axis, rad. The sign of the sampled yaw is the sign of the sampled
-            y offset times the sign of ``yaw``.
+        yaw: limit of the rotation about the vertical, rad; the sampled sign is the y offset's times that of ``yaw``.
         openness_mean: mean openness at the start; None: default of the instance.
         openness_spread: maximum deviation from the mean openness. The sampled openness is clipped to 0..1.
     """
@@ -115,11 +110,9 @@ class ObjectSpec(_Value):
     """An object of a task.
 
     Attributes:
-        asset_class: name of the object class. A rigid object has its own class with one instance, for example
-            ``golf_ball``.
-        instances: allowed instances of the class: values as in ``--instances``. A mapping with the keys ``real`` and
-            ``generated`` gives separate values for real and generated objects. None: all instances. A run can restrict
-            the instances further.
+        asset_class: name of the class; a rigid object has its own, with one instance, such as ``golf_ball``.
+        instances: allowed instances, as in ``--instances``, or a mapping with ``real`` and ``generated``; None: all. A
+            run can restrict them further.
         place: placement before randomization.
         randomization: ranges of placement and openness.
     """
@@ -140,10 +133,8 @@ class Step(_Value):
     Attributes:
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
-        tool: ``"hand"``, or the name of the grasped object. If an object is the tool, its keypoints take the place of
-            the hand's keypoints.
-        strategies: names of the step's strategies in order of preference. In tasks made by a language model, the
-            strategy is named ``designed``.
+        tool: ``"hand"``, or the grasped object whose keypoints replace the hand's.
+        strategies: strategies in order of preference; a language model's is named ``designed``.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. A step without
             criteria counts as done as soon as it starts. In the paper, grasps and releases are such steps.
     """
@@ -159,10 +150,8 @@ class Made(_Value):
     """Origin of a strategy.
 
     Attributes:
-        by: ``"search"`` if a search found the strategy, ``"model"`` if a language model wrote it, ``"hand"`` if a
-            person wrote it.
-        seen: objects with which the strategy was designed: ``"train"`` for the training split, ``"all"`` for all
-            objects. The other objects are unseen.
+        by: ``"search"``, ``"model"`` (a language model) or ``"hand"`` (a person).
+        seen: objects of the design: ``"train"`` for the training split, the others unseen, or ``"all"``.
     """
 
     by: Literal["search", "model", "hand"]
@@ -170,8 +159,7 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """Result of a verification. A verification runs episodes of a task with its strategies on scenes that were not used
-    to design the task.
+    """Result of a verification: episodes with the strategies on scenes that the design did not use.
 
     Attributes:
         episodes: number of episodes.
@@ -180,8 +168,7 @@ class Verified(_Value):
         strict: number of successes according to the verdict ``strict``; None in files of earlier releases.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: split from which the objects were taken. Objects of the splits ``"new"`` and ``"test"`` were never
-            used to search for strategies.
+        instances: split of the objects; the search used none of ``"new"`` and ``"test"``.
         objects: number of different objects by class.
     """
 
@@ -292,12 +279,10 @@ class TaskSpec(_Value):
 
     @property
     def transient(self) -> frozenset[str]:
-        """Names of the steps whose result a later step undoes, so that the final state does not show whether these
-        steps were done.
+        """Steps whose result a later step undoes, so that the final state does not show that they were done.
 
-        For example, a step opens a drawer, and a later step closes it. The first step is left out if a step between
-        them puts an object into the drawer or takes an object out of it, because the final place of this object shows
-        that the drawer was open.
+        If a step between opening and closing a drawer puts an object in or takes it out, the object's final place shows
+        that the drawer was open, and the first step is left out.
         """
         return frozenset(
             step.name

@@ -1,6 +1,4 @@
-"""Calibrate a camera with a ChArUco board: solve the robot-world and hand-eye equation ``A X = Z B`` in closed form,
-then minimize the reprojection errors of the board's corners.
-"""
+"""Calibrate a camera with a ChArUco board: ``A X = Z B`` in closed form, then minimal reprojection errors."""
 
 from __future__ import annotations
 
@@ -94,8 +92,7 @@ class HandEye:
     Attributes:
         camera: (4, 4) pose of the camera, in the hand's frame if the hand carries the camera, else in the base frame.
         board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
-        residual_px, held_out_px: median reprojection error of the corners, in the images used for the fit and in
-            held-out images.
+        residual_px, held_out_px: median reprojection error in the fit's images and in held-out ones.
         residual_mm, held_out_mm: the same errors, converted from pixels to mm at the board's distance.
     """
 
@@ -126,8 +123,7 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
     Args:
         camera: camera with its intrinsics; images must be undistorted.
-        views: corners in 4 or more images. From image to image, the hand must be rotated about at least two different
-            axes.
+        views: corners in 4 or more images, with the hand rotated about two axes or more.
         held_out: corners in 1 or more images for validation. The fit does not use these images.
         carried: True if the hand carries the camera and the board is fixed; False if the hand holds the board.
 

@@ -75,8 +75,7 @@ REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
     """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels.
 
-    The background depth of a pixel is the largest depth of this pixel in all images. With more than three images it is
-    the second largest depth.
+    A pixel's background is its largest depth in all images; with more than three, the second largest.
     """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the largest depth, which may be an outlier
@@ -122,12 +121,10 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return the camera poses from which the matching of points and surfaces starts. These are the initial guess,
-        and changed copies of the guess.
+        """Return the start poses for matching: the initial guess and changed copies.
 
-        Each copy is rotated by ``TURN`` about one axis, and one copy is not rotated. Then each copy is shifted so that
-        the mean of the measured points matches the mean of the meshes. Only the copies with the lowest cost are
-        returned.
+        Copies are rotated by ``TURN`` about an axis, or not, and shifted so that the means of points and meshes match;
+        those with the lowest cost are returned.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -170,11 +167,9 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Render the robot from its meshes, and return the visible surface for each view as points (k, 3) and
-        normals (k, 3).
+        """Render the robot's visible surface for each view, as points and normals (k, 3).
 
-        The result contains only pixels at which the robot stands in front of the background. The background depth of a
-        pixel is the largest depth that the pixel has in any rendered view.
+        Only pixels before the background count: the pixel's largest depth in any rendered view.
         """
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
@@ -231,8 +226,7 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered: number of pixels that have a measured depth and show the robot's meshes, except at edges and grazing
-            angles.
+        covered: pixels with measured depth on the robot's meshes, without edges and grazing angles.
         near: number of the ``covered`` pixels whose measured point is near the robot's surface.
     """
 
@@ -301,8 +295,7 @@ def refine(
         draw: random generator that selects pixels.
 
     Returns:
-        The refined pose, and the standard deviations (8,) of its parameters: rotation (3), translation (3), depth scale
-        and depth bias.
+        The pose, and standard deviations (8,): rotation (3), translation (3), depth scale and bias.
     """
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
@@ -362,8 +355,7 @@ class MeshCalibration:
     Attributes:
         camera: camera with its pose in the base frame.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
-        residual_mm, held_out_mm: median distance of measured points from the meshes, in the images used for the fit and
-            in held-out images.
+        residual_mm, held_out_mm: median distance of points from the meshes, in the fit's images and held-out ones.
         links_mm: median distance on each link, in all images.
         seen: fraction of the robot's pixels in held-out images whose measured points are near the robot's surface.
         sigma_mm, sigma_deg: standard deviation of the pose, as estimated by the fit.

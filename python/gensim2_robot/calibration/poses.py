@@ -163,15 +163,12 @@ class _Walk:
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Read from a log the poses in which the arm was at rest, and up to ``pictures`` images of every camera for each
-    pose.
+    """Read the poses at rest from a log, and up to ``pictures`` images of every camera for each.
 
-    The function reads the log twice: the first pass finds the times at which the arm was at rest, and the second pass
-    reads only the images that are returned.
+    The log is read twice: for the times at rest, then for the returned images only.
 
     Raises:
-        InputError: the log is missing or damaged, the arm was never at rest, or there are too many poses to keep in
-            memory.
+        InputError: the log is missing or damaged, the arm never rests, or there are too many poses.
     """
     times, joints, speeds, taken = [], [], [], list[_Taken]()
     for _, message in messages(folder):

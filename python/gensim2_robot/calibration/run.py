@@ -111,8 +111,7 @@ def calibrate_log(
         log: folder of the log, whose camera poses are the initial guesses.
         out: calibration file, which is written only if the calibration of every camera converges.
         board: board in the images; None: use the robot's meshes.
-        carried: only with a board. True: the cameras are on the arm and the board is fixed. False: the cameras are
-            fixed and the board is in the hand.
+        carried: only with a board: cameras on the arm and the board fixed, or the reverse.
         seed: seed of random selections.
 
     Raises:
@@ -248,8 +247,7 @@ def _written(
         out: calibration file to write.
 
     Returns:
-        JSON data with the name of the robot, the date, the number of poses, the report, whether all calibrations have
-        converged, and the path of the file.
+        JSON data: robot, date, number of poses, report, whether all converged, and the file.
     """
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)

@@ -31,8 +31,7 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 
 
 class _FrankaHand(StreamedArm):
-    """Base class of the Franka drivers, which controls the hand. The libraries ``franky`` and ``panda-python`` have the
-    same interface for the hand.
+    """Base class of the Franka drivers for the hand, whose interface both libraries share.
 
     Attributes:
         hand: gripper object of the library; None without a hand.
@@ -51,14 +50,12 @@ class _FrankaHand(StreamedArm):
             self.hand.move(0.5 * (command + 1.0) * self.width, GRIP_SPEED)
 
     def _measured(self, state: Any, ended: Exception | None, stopped: bool) -> tuple[Array, Array, float, ArmMode]:
-        """Return positions (7,), velocities (7,), the external force (N) and the mode of the arm from a libfranka
-        state.
+        """Return positions and velocities (7,), external force (N) and mode from a libfranka state.
 
         Args:
             state: libfranka state.
             ended: exception with which the motion has ended; None if the motion continues.
-            stopped: whether the arm's own safety function has stopped the arm. If True, an exception is expected, and
-                the mode reports the stop.
+            stopped: whether the arm's own safety has stopped it: an exception is expected, and the mode says so.
 
         Raises:
             DriverError: the motion has ended with an exception, and ``stopped`` is False.
@@ -71,8 +68,7 @@ class _FrankaHand(StreamedArm):
 
 
 class FrankaArm(_FrankaHand):
-    """Driver for a Panda or an FR3 arm with the library ``franky``. The arm's joint impedance controller follows the
-    joint positions that the driver streams to it.
+    """Driver for a Panda or FR3 with ``franky``, whose joint impedance controller follows streamed positions.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The wheel on PyPI is for an FR3 with
     system 5.9 or newer. A Panda needs the wheel for server version 5 from the releases page of ``franky``.
@@ -142,8 +138,7 @@ class FrankaArm(_FrankaHand):
 
 
 class PandaPyArm(_FrankaHand):
-    """Driver for a Panda or an FR3 arm with the library ``panda-python``. The library's joint impedance controller
-    follows the joint positions that the driver streams to it.
+    """Driver for a Panda or FR3 with ``panda-python``, whose impedance controller follows streamed positions.
 
     Each wheel of ``panda-python`` supports one version of the arm's server. The wheel on PyPI is for the newest
     version. If the arm has another version, the DriverError says which wheel to install from the project's releases.

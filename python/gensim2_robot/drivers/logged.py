@@ -67,8 +67,7 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that are due, oldest first. If more images of a camera are due than its buffer can store,
-        only the newest images are returned.
+        """Return the images that are due, oldest first; of more than the buffer stores, the newest.
 
         Raises:
             InputError: the log is damaged.

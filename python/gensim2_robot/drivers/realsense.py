@@ -1,7 +1,6 @@
 """Read RealSense cameras and their recordings with ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
 
-The driver opens the sensors of a device one by one, and the library's ``syncer`` combines depth and colour images of
-the same time. The same code works for cameras, recordings, and the library's software devices, which the tests use.
+Sensors are opened one by one; ``syncer`` combines depth and colours. Recordings and software devices work alike.
 """
 
 from __future__ import annotations
@@ -86,9 +85,8 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 class RealSenseCameras:
     """Cameras that read RealSense devices. Colour images are aligned with the depth images.
 
-    A device can also be a recording, which is played in a loop at the recorded rate. The time stamps of a recording lie
-    in the past, so all time stamps are shifted by the same time. The shift is estimated from the image that is
-    delivered with the smallest delay: this image counts as captured at the time of its arrival.
+    A recording plays in a loop at its rate. Its time stamps are shifted from the past, by the shift of the image with
+    the smallest delay, which counts as captured on arrival.
 
     Args:
         cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
@@ -96,8 +94,7 @@ class RealSenseCameras:
         rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: cameras with the intrinsics of the devices. The library puts pixel centres at integers and this package
-            puts them at half integers, so the intrinsics are converted.
+        cameras: cameras with the devices' intrinsics, converted from pixel centres at integers to half integers.
         serials: serial number that each device reported, by camera name.
 
     Raises:
@@ -258,8 +255,7 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield the streams of a sensor that have a wanted format. For each stream, yield the profile, the kind of stream,
-    and the profile as a video profile.
+    """Yield profile, kind and video profile of each stream of a sensor with a wanted format.
 
     Args:
         sensor: sensor of a RealSense device.
@@ -276,12 +272,10 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library, which replaces a real camera. It delivers the images that gensim2
-    gives to it.
+    """A software device of the RealSense library, which delivers the images given to it.
 
     Args:
-        camera: camera with the image size and intrinsics of the device. The intrinsics are converted, because this
-            package puts pixel centres at half integers and the library puts them at integers.
+        camera: camera with image size and intrinsics, converted from pixel centres at half integers to integers.
         serial: serial number.
         rate: frame rate, Hz.
 
@@ -367,8 +361,7 @@ class SoftwareCameras:
 
         Args:
             frames: images to pass.
-            within: maximum time to wait until as many images have come out as were passed in, s. Later images are
-                returned by the next call.
+            within: maximum time (s) to wait for as many images as were passed in; the next call returns later ones.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)

@@ -41,11 +41,10 @@ class DriverError(GenSim2Error):
 class StreamedArm(ABC):
     """Base class of arms that accept a stream of joint positions at their own rate.
 
-    The control loop sends 100 targets per second, one in each cycle. A thread interpolates linearly between the
-    targets. The arm follows the targets with a delay of one to three cycles, so targets that are slightly late or
-    arrive in a burst cause no stop and no jerk. If no further target arrives, the arm slows down towards the last
-    target without overshooting it, and is stopped soon afterwards. Gripper commands are sent by a separate thread,
-    because the gripper's library may block, and only when the command changes.
+    The loop sends 100 targets per second, one in each cycle, between which a thread interpolates. The arm follows with
+    a delay of one to three cycles, so slightly late targets or bursts cause no stop and no jerk. Without further
+    targets it slows down to the last one and is soon stopped. A separate thread, because the library may block, sends
+    changed gripper commands.
 
     Args:
         rate: number of positions that the arm accepts per second.
@@ -231,9 +230,8 @@ def _pace(left: float) -> float:
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return the number of targets (in general not a whole number) by which the stream advances during ``cycles``
-    cycles of the clock. Targets are one cycle apart. The result is always less than ``left``, the number of targets
-    that remain.
+    """Return by how many targets, a cycle apart, the stream advances in ``cycles`` cycles; always less than ``left``,
+    those that remain.
     """
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))

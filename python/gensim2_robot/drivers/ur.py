@@ -26,8 +26,7 @@ class URArm(StreamedArm):
 
     Args:
         host: address of the arm.
-        grip: function that moves the gripper to a command, -1 to 1; None for no gripper. You supply this function,
-            because RTDE does not support grippers.
+        grip: your function that moves the gripper to a command, -1 to 1, which RTDE cannot; None: no gripper.
         rate: command rate, Hz: 500 for an e-Series, 125 for a CB3.
 
     Raises:

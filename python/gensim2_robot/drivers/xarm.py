@@ -26,8 +26,7 @@ class XArm(StreamedArm):
     Args:
         host: address of the arm.
         gripper: whether the arm has the manufacturer's gripper.
-        sensor: whether the arm has a force sensor. Without a sensor the reported force is 0, and only the arm's own
-            collision detection stops the arm.
+        sensor: whether the arm has a force sensor; else the force is 0, and only its own detection stops it.
 
     Raises:
         MissingExtraError: ``xarm-python-sdk`` is not installed.

@@ -38,10 +38,8 @@ class PlacementRange(BaseModel):
     """Ranges from which the placement of one object is drawn.
 
     Attributes:
-        at: centre of the ranges: the distance (m) in front of the robot's base, and the distance (m) to the left of the
-            base.
-        x, y: ranges (m) of the offset from the centre: x to the front, y to the left. A single number r stands for the
-            range from -r to r.
+        at: centre of the ranges: m in front of the robot's base, and m to its left.
+        x, y: ranges (m) of the offset, to the front and left; a number r stands for -r to r.
         yaw: maximum rotation about the vertical axis, degrees. An object is rotated towards the robot: objects to the
             left of the centre and objects to the right are rotated in opposite directions.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
@@ -69,8 +67,7 @@ class Placed:
     Attributes:
         x: distance of the object in front of the robot's base, m.
         y: distance of the object to the left of the robot's base, m.
-        offset: displacement from the centre of the ranges: to the front (m), to the left (m), and rotation about the
-            vertical axis (rad).
+        offset: from the ranges' centre: to the front (m), to the left (m), rotation about the vertical (rad).
         openness: openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -324,8 +321,7 @@ def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def write_table(out: Path) -> dict[str, Any]:
-    """Write a table of all trials in the subfolders of ``out``, as text and as JSON, and return the table as plain
-    data.
+    """Write the table of all trials in subfolders of ``out``, as text and JSON; return it as plain data.
 
     Raises:
         InputError: a folder is damaged.

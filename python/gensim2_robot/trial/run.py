@@ -134,9 +134,8 @@ def trial(
 ) -> dict[str, Any]:
     """Run trials of one protocol, and write the table of all trials in ``out``.
 
-    Finished trials are always kept. If the watchdog holds or stops a simulated arm, the trial counts as failed, and the
-    next trial starts with new devices. If the watchdog holds or stops a real arm, the run ends, because a person must
-    check the arm.
+    Finished trials are kept. If the watchdog holds or stops a simulated arm, the trial failed and the next gets new
+    devices; a real arm ends the run, because a person must check it.
 
     Args:
         protocol: protocol of the trials.
@@ -145,8 +144,7 @@ def trial(
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.
-        logged: whether to write logs. Whenever the devices are opened again, a new log begins, because a log ends when
-            its devices are closed.
+        logged: whether to write logs, a new one whenever the devices are opened.
         name: name of the subfolder of ``out``; None: the task's name.
         keys: keyboard with which the person resumes or stops the arm.
         watching: additional receivers of the log's data, such as a web page.
@@ -158,8 +156,7 @@ def trial(
     Raises:
         InputError: an argument is invalid, or the folder has trials with other settings.
         WriteError: a trial cannot be written; the arm is stopped first.
-        TrialsEndedError: the loop stopped before an episode started, or a person must check a real arm before the next
-            trial.
+        TrialsEndedError: the loop stopped before an episode, or a person must check the arm.
         KeyboardInterrupt: a stop signal arrived; the arm is stopped first.
     """
     config, scene = LineConfig.split(line)

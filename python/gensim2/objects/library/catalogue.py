@@ -76,7 +76,7 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Build a library from ``shelves``, each class in only one of them; ``stand_in`` has the classes that all lack."""
+        """Build a library from ``shelves``, each class in only one of them; ``stand_in`` has missing classes."""
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
