@@ -19,9 +19,9 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2 import robots
-from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import check_assets, problem_scene
+from gensim2.bench.solver import keypoint_problem
 
 WEIGHTS = np.array([10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 

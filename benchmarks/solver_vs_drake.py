@@ -209,9 +209,9 @@ def add_ours(timing: Timing, problem: Any, repeats: int) -> None:
 def our_problems(path: Path, assets: Path | None) -> dict[str, Any]:
     """Every problem as our solver takes it."""
     from gensim2 import robots
-    from gensim2.bench.convert import keypoint_problem
     from gensim2.bench.problems import read_problems
     from gensim2.bench.scene import problem_scene
+    from gensim2.bench.solver import keypoint_problem
 
     robot, found = robots.robot("panda").model, {}
     for problem in read_problems(path):

@@ -44,9 +44,9 @@ def plans(path: Path, assets: Path | None, every: int) -> Iterator[Any]:
     """Yield one callable a recorded problem, which plans it."""
     import gensim2_kpam as kpam
     from gensim2 import robots
-    from gensim2.bench.convert import keypoint_problem
     from gensim2.bench.problems import read_problems
     from gensim2.bench.scene import problem_scene
+    from gensim2.bench.solver import keypoint_problem
 
     robot = robots.robot("panda").model
     for problem in read_problems(path)[::every]:

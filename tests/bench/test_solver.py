@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gensim2.bench import solve_problems, summary_of
-from gensim2.bench.convert import Frames
+from gensim2.bench.solver import Frames
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError
 

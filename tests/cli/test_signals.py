@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from gensim2.cli.signals import stopping_signals
+from gensim2.cli.main import stopping_signals
 from gensim2.core.errors import Stopped
 
 #: A function that catches all exceptions, as trimesh does around its imports.

@@ -92,7 +92,7 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
 def test_a_signal_that_is_to_be_ignored_is_ignored() -> None:
     script = (
         "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "import os; from gensim2.cli.signals import stopping_signals\n"
+        "import os; from gensim2.cli.main import stopping_signals\n"
         "with stopping_signals(): os.kill(os.getpid(), signal.SIGHUP)\n"
         "print('went on')"
     )

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2.planning.shortening import LEFT_OUT, shortened
+from gensim2.planning.steps import LEFT_OUT, shortened
 
 
 @dataclass

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gensim2.core.errors import InputError
-from gensim2.policy.objects import shared_objects, unseen_instances, words
+from gensim2.policy.learning import shared_objects, unseen_instances, words
 from gensim2.rollout.counted_objects import all_with_objects, number_of_objects, with_objects
 from gensim2.rollout.inputs import only_strategies, read_task_input, read_task_inputs
 from gensim2.scenes.sampler import SceneSampler

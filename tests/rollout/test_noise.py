@@ -10,7 +10,7 @@ import pytest
 from gensim2.core.errors import InputError
 from gensim2.data import DataSet, collect
 from gensim2.rollout.config import RolloutOptions
-from gensim2.rollout.noise import PERIOD, Noisy
+from gensim2.rollout.worker import PERIOD, Noisy
 
 HZ = 20
 

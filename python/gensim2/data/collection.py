@@ -83,7 +83,7 @@ def collect(
         seed: seed of the scenes. Other commands with this seed use different scenes.
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
-            recorded as well (:mod:`gensim2.rollout.noise`).
+            recorded as well (:mod:`gensim2.rollout.worker`).
         strategy: names of strategies; a step with such strategies uses only these.
         objects: number of generated objects of each articulated class to use instead of ``instances``. These objects
             differ from the built-in objects and from the objects of ``instances="new"``. None: use ``instances``.

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import Schedule, grip_force, grip_on, schedule
-from gensim2.planning.fingers import Fingers
+from gensim2.planning.actions import Acts, Schedule, grip_force, grip_on, schedule
 from gensim2.planning.grasping import ASIDE, COMPARED, DRAWN_OUT, HELD, grasp_config, grasps_of, lever_of, margin_of
 from gensim2.planning.pulling import pull_config, pulls_of
 from gensim2.planning.reaching import Reach, reach
 from gensim2.planning.scene import Scene
-from gensim2.planning.shortening import shortened
 from gensim2.planning.step_plan import INVALID, NO_GRASP, Foreseen, StepPlan, Ways
 from gensim2.planning.step_problems import StepProblems
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
-from gensim2.robots import OPEN, RobotProfile
+from gensim2.robots import CLOSED, OPEN, RobotProfile
 from gensim2.tasks.spec import Step
 
 Array = npt.NDArray[np.float64]
@@ -326,3 +325,126 @@ def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Gra
     """Yield the first ``DRAWN_OUT`` grasps whose lift is blocked, each with every pull-out motion of ``ASIDE``."""
     for (grasp, swapped), aside in product(barred[:DRAWN_OUT], ASIDE):
         yield grasp, swapped, aside
+
+
+#: Safety margin, as a fraction of the full length of a motion. The last motion of a shortened config stops earlier by
+#: this margin than the last motion of the partial plan.
+LEFT_OUT = 0.05
+
+TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
+"""Types of motions that are given by the final openness. Other types are given by a distance or an angle."""
+
+
+def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None) -> dict[str, Any] | None:
+    """Return a solver config whose motions end where a partial plan ends.
+
+    Args:
+        config: complete config as plain data.
+        plan: partial plan of the config.
+        openness: openness of the object's joint at the start of the motion; None for a rigid object.
+
+    Returns:
+        The shortened config. None if the config does not release the object, or if the plan ends before actuation.
+    """
+    motions = list(config.get("post_actuation_motions", []))
+    if plan.status != "partial" or not config.get("let_go") or not motions:
+        return None
+    gone = plan.reached_fraction * (len(motions) + 1)  # + 1, because the planner counts the release as one motion
+    kept = motions[: int(gone)]
+    share = gone - int(gone) - LEFT_OUT
+    if len(kept) < len(motions) and share > 0.0:
+        begin = openness
+        for motion in kept:
+            begin = _openness_after(motion, begin)
+        part = _part(motions[len(kept)], share, begin)
+        kept += [] if part is None else [part]
+    return {**config, "post_actuation_motions": kept} if kept else None
+
+
+def _openness_after(motion: Any, openness: float | None) -> float | None:
+    """Return the joint's openness after a motion; None if the motion is a change in rad or m."""
+    if isinstance(motion, list | tuple) and motion[0] in TO_OPENNESS:
+        return float(motion[1])
+    return openness if isinstance(motion, list | tuple) and motion[0] not in ("follow_joint", "trace_joint") else None
+
+
+def _part(motion: Any, share: float, openness: float | None) -> list[Any] | None:
+    """Return the first part (fraction ``share``) of a motion; None if the motion has no number that can be scaled."""
+    if isinstance(motion, str):
+        return None
+    name, value = motion[0], float(motion[1])
+    if name not in TO_OPENNESS:
+        return [name, share * value]
+    return None if openness is None else [name, openness + share * (value - openness)]
+
+
+#: If a gripper command differs by less than this from the initial command, the arm does not wait for the fingers.
+SAME_COMMAND = 0.1
+
+
+class Fingers:
+    """Chooses gripper commands for one robot.
+
+    Args:
+        profile: profile of the robot.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._profile = profile
+        #: Indices of the finger joints in the robot's active joints.
+        self.joints = list(profile.gripper_columns)
+
+    def acts(
+        self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
+    ) -> Acts:
+        """Return the gripper commands of a step that begins in ``scene``.
+
+        Args:
+            scene: scene at the start of the step.
+            strategy: strategy of the step.
+            opening: gripper command of the empty hand while it moves to a grasp.
+            grip: command to which the hand closes.
+            gently: whether the hand closes slowly.
+        """
+        present = _clipped(self._profile.gripper.command_at(scene.q[self.joints]))
+        fingers = strategy.fingers
+        if scene.held is not None or fingers in ("hold", "release"):
+            # Fingers that hold an object continue to press on the object. Empty fingers keep their position.
+            command = present if scene.held is None else self._grip(scene)
+            return Acts(fingers, command, lets_go=strategy.let_go is not None)
+        command = CLOSED if fingers == "closed" else opening
+        # Move the fingers before the arm starts, with two exceptions: the fingers already have almost the commanded
+        # position, or they only close to the opening for the approach to a grasp.
+        before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
+        return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
+
+    def _grip(self, scene: Scene) -> float:
+        """Return the gripper command with which the fingers continue to press on the grasped object."""
+        if scene.held_width is None:
+            return CLOSED
+        assert scene.held is not None
+        force = grip_force(scene.objects[scene.held].mass or 0.0) if scene.held_force is None else scene.held_force
+        return grip_on(scene.held_width, force, self._profile, scene.finger_stiffness)
+
+    def command(self, opening: float) -> float:
+        """Return the gripper command at which the pads are ``opening`` metres apart."""
+        return _clipped(self._profile.gripper.command(opening))
+
+    def positions(self, command: float) -> Array:
+        """Return the positions (g,) of the gripper's joints at a gripper command."""
+        return self._profile.gripper.at_command(command)
+
+    def around(self, q: Array, width: float, scene: Scene) -> Array:
+        """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
+
+        Stiff drives almost reach their command, so ``q`` is unchanged; soft ones stop at the object's surface.
+        """
+        if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
+            return q
+        stopped = q.copy()
+        stopped[self.joints] = self._profile.gripper.at_opening(width)
+        return stopped
+
+
+def _clipped(command: float) -> float:
+    return float(np.clip(command, CLOSED, OPEN))

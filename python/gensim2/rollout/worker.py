@@ -11,11 +11,16 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
 import gensim2_kpam as kpam
+from gensim2.core.seeding import rng
 from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.controller import Action, Controller, Reference, WrappedController, is_privileged
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec, planner_spec
 from gensim2.rollout.record import Episode, in_all_engines
 from gensim2.scenes.config import SceneConfig, SceneOptions
@@ -27,7 +32,6 @@ if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.checker_result import WorldCount
-    from gensim2.rollout.controller import Controller
     from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import Stop
@@ -227,9 +231,9 @@ def _rollout(
     index: int | None = None,
 ) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.disturbance import Disturbed
-    from gensim2.rollout.noise import Noisy
     from gensim2.rollout.recording import EpisodeResult
     from gensim2.rollout.run import Attempt, attempted, run
+    from gensim2.rollout.worker import Noisy
 
     given = config.rollout
     env = simulator(config.scene)
@@ -291,3 +295,60 @@ def no_op_episode(scene: SceneConfig, seed: int) -> NoOpResult:
     from gensim2.rollout.no_op import no_op_baseline
 
     return no_op_baseline(simulator(scene), seed)
+
+
+PERIOD = 0.6
+"""Duration (s) of one disturbance of the arm."""
+SHARE = 0.5
+"""Fraction of the periods with noise."""
+
+
+class Noisy(WrappedController):
+    """Controller that sometimes adds noise to the joint targets of another controller.
+
+    The other controller does not know of the noise. Time is divided into equal periods, random ones with noise: each
+    joint target gets an offset like half a sine wave of random amplitude. The noise-free action is
+    ``reference/action``.
+
+    Args:
+        controller: controller whose actions get noise.
+        control_hz: control rate, Hz.
+        arm: number of the arm's joints.
+        noise: standard deviation of the random amplitudes, rad.
+        seed: seed of the episode.
+    """
+
+    def __init__(self, controller: Controller, control_hz: int, arm: int, noise: float, seed: int) -> None:
+        self._controller, self._noise, self._arm, self._seed = controller, noise, arm, seed
+        self.privileged = is_privileged(controller)
+        self._steps = max(2, round(PERIOD * control_hz))
+
+    def reset(self, observation: object, seed: int) -> None:
+        self._rng = rng(self._seed, "noise")
+        self._at, self._angles = 0, np.zeros(self._arm)
+        self._meant: Action | None = None
+        self._controller.reset(observation, seed)
+
+    def act(self, observation: object) -> Action | None:
+        """Return the controller's action with noise on the arm's joints."""
+        given = self._controller.act(observation)
+        self._meant = None if given is None else np.asarray(given, dtype=np.float32)
+        if self._meant is None:
+            return None
+        phase = self._at % self._steps
+        if phase == 0:
+            drawn: npt.NDArray[np.float64] = self._rng.normal(0.0, self._noise, self._arm)
+            self._angles = drawn * float(self._rng.random() < SHARE)
+        self._at += 1
+        sent = self._meant.copy()
+        sent[: self._arm] += (np.sin(np.pi * phase / self._steps) * self._angles).astype(np.float32)
+        return sent
+
+    @property
+    def reference(self) -> Reference | None:
+        """Return the controller's reference, with the noise-free action in the field ``action``."""
+        told = super().reference
+        if told is None and self._meant is not None:
+            nothing = np.full(self._arm, np.nan, np.float32)
+            told = Reference(nothing, nothing, np.full(2, np.nan, np.float32))
+        return None if told is None else replace(told, action=self._meant)

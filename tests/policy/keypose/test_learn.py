@@ -27,7 +27,7 @@ from gensim2.policy.keypose.data import read_planned
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import read_ways
 from gensim2.policy.learn_record import LearnFolder, LearnRecord
-from gensim2.policy.objects import shared_objects, unseen_instances
+from gensim2.policy.learning import shared_objects, unseen_instances
 from gensim2.policy.starting import SPEC
 from gensim2.rollout.counted_objects import with_objects
 from gensim2.rollout.inputs import read_task_input

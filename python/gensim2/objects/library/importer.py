@@ -36,12 +36,14 @@ The file ``info.json`` stores the scale, the keypoints and the joint range, and 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import reprlib
+import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -57,9 +59,8 @@ from gensim2.core.foreign.names import RULE, is_name
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
 from gensim2.objects.known import JOINT_TYPES
-from gensim2.objects.library import usd
+from gensim2.objects.library import mjcf, usd
 from gensim2.objects.library.catalogue import open_library
-from gensim2.objects.library.conversion import as_urdf
 from gensim2.objects.library.export import MESHES, write_folder
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.info import UNSTATED, closest_axis, derived_head
@@ -511,3 +512,29 @@ def _semantics(folder: ObjectFolder) -> dict[str, str]:
         return {}
     lines = (line.split() for line in text.splitlines())
     return {words[0]: words[2] for words in lines if len(words) == 3}
+
+
+@contextlib.contextmanager
+def as_urdf(source: Path) -> Iterator[tuple[Path, bool]]:
+    """Convert an MJCF or USD file to a temporary URDF during the block; yield any other ``source`` itself.
+
+    Yields:
+        The URDF file, and whether all collision shapes are known to be convex.
+
+    Raises:
+        InputError: the file cannot be imported; errors of the block about the temporary file name ``source``.
+        MissingExtraError: the format's reader is not installed.
+    """
+    if source.suffix not in (*mjcf.SUFFIXES, *usd.SUFFIXES) or source.is_dir():
+        yield source, False
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        try:
+            if source.suffix in mjcf.SUFFIXES:
+                yield mjcf.convert(source, Path(scratch)), True
+            else:
+                yield usd.convert(source, Path(scratch))
+        except AssetError as error:
+            if error.file is None or Path(scratch) not in Path(error.file).parents:
+                raise
+            raise AssetError(error.message, file=source, field=error.field, remedy=error.remedy) from error

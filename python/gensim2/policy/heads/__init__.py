@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from gensim2.policy.heads.chunk import ChunkHead, TransformerHead
+from gensim2.policy.heads.decoder import ChunkHead, TransformerHead
 from gensim2.policy.heads.diffusion import DiffusionHead, FlowHead
 from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.heads.protocol import Context, Head
