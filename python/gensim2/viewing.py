@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.store import TaskStore
 from gensim2.data.used_objects import ObjectCheck
@@ -88,7 +87,7 @@ def view(
         InputError: the task or episode does not exist, or an argument is invalid.
         MissingExtraError: viser is not installed.
     """
-    viser_module()
+    required("viser", "viz")
     found = of_recording(Path(what), task, episode, _location(scene.get("assets")))
     if found is None:
         require_no_selection(task, episode)
@@ -197,13 +196,10 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     """
     from gensim2.data.observing import objects_of
     from gensim2.perception.raycast.observer import Observer
-    from gensim2.planning.show import draw_plans
+    from gensim2.planning.show import draw_plans, open_page, quaternion
     from gensim2_kpam.show import add_clock, add_text
 
-    server = viser_module().ViserServer(host=host, port=port, verbose=False)
-    server.scene.set_up_direction("+z")
-    server.initial_camera.position, server.initial_camera.look_at = (1.2, -0.95, 0.8), (0.4, 0.0, 0.15)
-    add_text(server, shown.title)
+    server = open_page(host, port, (1.2, -0.95, 0.8), (0.4, 0.0, 0.15), shown.title)
     recording = shown.recording
     observer = Observer(shown.profile, objects_of(shown.scene, recording.instances), spec, recording.seed)
     solids, poses = observer.scene.solids, observer.scene.poses(recording.env_states)
@@ -286,16 +282,3 @@ def _row(tree: Mapping[str, Any], index: int) -> dict[str, Any]:
         key: _row(value, index) if isinstance(value, Mapping) else value[index : index + 1]
         for key, value in tree.items()
     }
-
-
-def quaternion(pose: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
-
-
-def viser_module() -> Any:
-    try:
-        return importlib.import_module("viser")
-    except ImportError as error:
-        raise MissingExtraError("viser", "viz") from error

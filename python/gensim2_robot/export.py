@@ -19,8 +19,8 @@ from gensim2.perception.camera_record import CameraRecord
 from gensim2.perception.observation import CLOUD
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
+from gensim2.planning.show import quaternion
 from gensim2.robots import robot
-from gensim2.viewing import quaternion
 from gensim2_robot.log_messages import (
     About,
     AnswerMessage,

@@ -15,10 +15,11 @@ from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.observation import CLOUD
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
+from gensim2.planning.show import open_page, quaternion
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2.viewing import CLOUD_POINT, draw_solid, quaternion, viser_module
+from gensim2.viewing import CLOUD_POINT, draw_solid
 from gensim2_kpam.show import add_text, plain_markdown
 from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.limits import Sent
@@ -67,10 +68,7 @@ class LivePage:
 
     def __init__(self, robot_name: str, title: str, *, host: str = "localhost", port: int = 8080) -> None:
         profile = self._profile = robot(robot_name)
-        server = self.server = viser_module().ViserServer(host=host, port=port, verbose=False)
-        server.scene.set_up_direction("+z")
-        server.initial_camera.position, server.initial_camera.look_at = (1.6, -1.2, 1.0), (0.4, 0.0, 0.2)
-        add_text(server, title)
+        server = self.server = open_page(host, port, (1.6, -1.2, 1.0), (0.4, 0.0, 0.2), title)
         self._tree = Tree.of(read_urdf(profile.urdf), (*profile.arm_joints, *profile.gripper.joints))
         surfaces = read_links(self._tree.file)
         self._links = [

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import importlib
 import re
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 #: Maximum length of an error message, characters.
 LONGEST_LINE = 1500
@@ -146,6 +148,22 @@ class MissingExtraError(GenSim2Error):
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
         """Support pickling, so that a worker process can send the error."""
         return type(self), (self.module, self.extra, self.distribution)
+
+
+def required(module: str, extra: str, distribution: str = "gensim2", package: str = "") -> Any:
+    """Import and return a module of an optional dependency.
+
+    Args:
+        module, extra, distribution: full name of the module, and the extra of the distribution that installs it.
+        package: name of the package for the message; default: the module's first part.
+
+    Raises:
+        MissingExtraError: the module cannot be imported.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(package or module.partition(".")[0], extra, distribution) from error
 
 
 class NotRunError(GenSim2Error):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
-from gensim2.core.errors import MissingExtraError
+from gensim2.core.errors import required
 from gensim2.planning.hulls import surface
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
@@ -44,12 +43,9 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
     Raises:
         MissingExtraError: viser or yourdfpy is not installed.
     """
-    viser, extras = _load("viser"), _load("viser.extras")
-    model = _load("yourdfpy").URDF.load(str(profile.urdf))
-    server = viser.ViserServer(host=host, port=port, verbose=False)
-    server.scene.set_up_direction("+z")
-    server.initial_camera.position, server.initial_camera.look_at = (1.5, -1.0, 0.9), (0.4, 0.0, 0.2)
-    arm = extras.ViserUrdf(server, model, root_node_name="/arm")
+    model = required("yourdfpy", "viz").URDF.load(str(profile.urdf))
+    server = open_page(host, port, (1.5, -1.0, 0.9), (0.4, 0.0, 0.2), f"{plan.status}: {plan.reason}")
+    arm = required("viser.extras", "viz").ViserUrdf(server, model, root_node_name="/arm")
     riding = _draw_scene(server, scene)
     draw_plans(server, {"plan": plan}, profile)
     robot = profile.model
@@ -63,14 +59,26 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
         arm.update_cfg(np.asarray(q)[places])
         if riding is not None:
             pose = robot.forward_kinematics(q) @ T_hand_held
-            riding.position, riding.wxyz = pose[:3, 3], _quaternion(pose)
+            riding.position, riding.wxyz = pose[:3, 3], quaternion(pose)
 
     trajectory = plan.trajectory
-    add_text(server, f"{plan.status}: {plan.reason}")
     if trajectory is None:
         pose_at(scene.q)
         return server
     add_clock(server, trajectory, pose_at)
+    return server
+
+
+def open_page(host: str, port: int, eye: Sequence[float], target: Sequence[float], title: str) -> Any:
+    """Serve a page with a title, seen from ``eye`` towards ``target`` (3,), m, and return its ``viser.ViserServer``.
+
+    Raises:
+        MissingExtraError: viser is not installed.
+    """
+    server = required("viser", "viz").ViserServer(host=host, port=port, verbose=False)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position, server.initial_camera.look_at = eye, target
+    add_text(server, title)
     return server
 
 
@@ -82,14 +90,8 @@ def wait(server: Any) -> None:
         server.stop()
 
 
-def _load(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise MissingExtraError(module, "viz") from error
-
-
-def _quaternion(pose: Array) -> Array:
+def quaternion(pose: Array) -> Array:
+    """Return the rotation (w, x, y, z) of a pose (4, 4), as viser takes it."""
     return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
 
 
@@ -102,7 +104,7 @@ def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any
         color=color,
         flat_shading=True,
         position=body.T_base_body[:3, 3],
-        wxyz=_quaternion(body.T_base_body),
+        wxyz=quaternion(body.T_base_body),
     )
 
 
@@ -142,7 +144,7 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
                 f"{part}/keyframes/{frame['label']}",
                 axes_length=0.06 if frame["reached"] else 0.03,
                 axes_radius=0.003,
-                wxyz=_quaternion(pose),
+                wxyz=quaternion(pose),
                 position=pose[:3, 3],
             )
             text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import torch
 from torch import nn
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.core.files import write_atomic, write_json
 from gensim2.policy.checkpoint import PolicyCheckpoint, checkpoint_folder
 from gensim2.policy.frames import cloud_size, proprio_size
@@ -133,7 +133,7 @@ def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torc
     if to == "torch":
         module = torch.export.load(io.BytesIO(file.read_bytes())).module()
         return lambda inputs: module(*inputs.values())
-    session = _onnxruntime().InferenceSession(str(file), providers=["CPUExecutionProvider"])
+    session = required("onnxruntime", "export").InferenceSession(str(file), providers=["CPUExecutionProvider"])
 
     def run(inputs: dict[str, torch.Tensor]) -> torch.Tensor:
         return torch.from_numpy(session.run(None, {name: value.numpy() for name, value in inputs.items()})[0])
@@ -142,19 +142,8 @@ def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torc
 
 
 def _write_onnx(graph: Any, values: tuple[torch.Tensor, ...], names: list[str], buffer: io.BytesIO) -> None:
-    _onnxruntime()
-    try:
-        import onnxscript  # noqa: F401 - required by torch.onnx
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("onnxscript", "export") from error
+    required("onnxruntime", "export")
+    required("onnxscript", "export")  # torch.onnx needs it
     torch.onnx.export(
         graph, values, buffer, input_names=names, output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
     )
-
-
-def _onnxruntime() -> Any:
-    try:
-        import onnxruntime
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("onnxruntime", "export") from error
-    return onnxruntime

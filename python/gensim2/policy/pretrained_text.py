@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.core.files import cache_dir, replacing
 from gensim2.core.foreign.tree import refuse_special, why
 from gensim2.policy.config import CLIP, SENTENCE
@@ -55,10 +55,7 @@ def _digest(model: str) -> str:
 
 def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     os.environ.setdefault("TOKENIZERS_PARALLELISM", "false")
-    try:
-        import transformers
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("transformers", "clip") from error
+    transformers = required("transformers", "clip")
     remedy = "give a folder or a hub name with --text-model, or use --text small"
     if kind == "sentence" and model == CLIP:
         raise InputError(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.core.errors import MissingExtraError
+from gensim2.core.errors import MissingExtraError, required
 from gensim2.robots import RobotProfile
 from gensim2_robot.arm_limits import Array
 from gensim2_robot.devices import ArmMode
@@ -84,10 +84,7 @@ class FrankaArm(_FrankaHand):
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
-        try:
-            import franky
-        except ImportError as error:
-            raise MissingExtraError("franky-control", "franka", "gensim2-robot") from error
+        franky = required("franky", "franka", "gensim2-robot", "franky-control")
         super().__init__(profile, RATE)
         self._franky: Any = franky
         config = franky.RealtimeConfig.Enforce if enforce_realtime else franky.RealtimeConfig.Ignore

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.perception import Camera
 from gensim2_robot.devices import CameraFrame
 from gensim2_robot.drivers.streamed import DriverError
@@ -32,11 +32,7 @@ def library() -> Any:
     Raises:
         MissingExtraError: ``pyrealsense2`` is not installed.
     """
-    try:
-        import pyrealsense2
-    except ImportError as error:
-        raise MissingExtraError("pyrealsense2", "realsense", "gensim2-robot") from error
-    return pyrealsense2
+    return required("pyrealsense2", "realsense", "gensim2-robot")
 
 
 def connected(serials: Mapping[str, str]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.core.errors import MissingExtraError
+from gensim2.core.errors import required
 from gensim2.robots import RobotProfile
 from gensim2_robot.arm_limits import Array
 from gensim2_robot.devices import ArmMode
@@ -37,11 +37,9 @@ class URArm(StreamedArm):
     def __init__(
         self, host: str, profile: RobotProfile, grip: Callable[[float], None] | None = None, rate: float = RATE
     ) -> None:
-        try:
-            import rtde_control
-            import rtde_receive
-        except ImportError as error:
-            raise MissingExtraError("ur_rtde", "ur", "gensim2-robot") from error
+        rtde_control, rtde_receive = (
+            required(f"rtde_{name}", "ur", "gensim2-robot", "ur_rtde") for name in ("control", "receive")
+        )
         super().__init__(profile, rate)
         self._move_gripper = grip
         try:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.core.errors import MissingExtraError
+from gensim2.core.errors import required
 from gensim2.robots import RobotProfile
 from gensim2_robot.arm_limits import Array
 from gensim2_robot.devices import ArmMode
@@ -34,14 +34,11 @@ class XArm(StreamedArm):
     """
 
     def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, sensor: bool = False) -> None:
-        try:
-            from xarm.wrapper import XArmAPI
-        except ImportError as error:
-            raise MissingExtraError("xarm-python-sdk", "xarm", "gensim2-robot") from error
+        wrapper = required("xarm.wrapper", "xarm", "gensim2-robot", "xarm-python-sdk")
         super().__init__(profile, RATE)
         self._has_gripper, self._has_sensor, self._halted = gripper, sensor, False
         try:
-            self._arm: Any = XArmAPI(host, is_radian=True)
+            self._arm: Any = wrapper.XArmAPI(host, is_radian=True)
         except Exception as error:  # the SDK raises bare Exceptions
             raise DriverError(f"{host}: {error}") from error
         self._require(self._arm.motion_enable(True), "motion_enable")

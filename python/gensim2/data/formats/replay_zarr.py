@@ -12,13 +12,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.core.foreign.names import checked_name
 
 CHUNK_BYTES = 2**20
@@ -40,7 +40,7 @@ class ZarrWriter:
     """
 
     def __init__(self, root: Path) -> None:
-        zarr = zarr_module()
+        zarr = required("zarr", "data")
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
         self._root = root
@@ -110,16 +110,3 @@ def _finish_writing() -> None:
         await asyncio.gather(*pending, return_exceptions=True)
 
     sync(others())
-
-
-def zarr_module() -> ModuleType:
-    """Return the module ``zarr``.
-
-    Raises:
-        MissingExtraError: zarr is not installed.
-    """
-    try:
-        import zarr
-    except ImportError as error:
-        raise MissingExtraError("zarr", "data") from error
-    return zarr

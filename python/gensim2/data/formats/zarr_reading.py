@@ -14,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import InputError, required
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.names import is_name
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.record_files import parse_record
 from gensim2.data.formats.columns import current, formerly_nested
 from gensim2.data.formats.frames import Frames
-from gensim2.data.formats.replay_zarr import zarr_module
 
 MAX_EPISODES = 10_000_000
 MAX_DESCRIPTION = 64 * 2**20  # maximum size of a JSON file, bytes; one file contains the instructions of all tasks
@@ -62,7 +61,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
         InputError: the folder is not a zarr export of gensim2, or is damaged.
         MissingExtraError: zarr is not installed.
     """
-    zarr_module()
+    required("zarr", "data")
     tree = ForeignTree(root)
     names = array_names(tree)
     try:
@@ -129,7 +128,7 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
         wrong = f"has {shown(found.shape)}: more than {MAX_EPISODE // 2**20} MiB an episode"
         raise InputError(wrong, file=file, field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):
-        return zarr_module().open_array(tree.inside(name), mode="r", zarr_format=2)
+        return required("zarr", "data").open_array(tree.inside(name), mode="r", zarr_format=2)
 
 
 def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
@@ -139,7 +138,9 @@ def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
         wrong = f"has {shown(found.shape)} of {found.dtype}, not one <i8 an episode"
         raise InputError(wrong, file=tree.path / name / ".zarray", field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):
-        values: npt.NDArray[np.int64] = zarr_module().open_array(tree.inside(name), mode="r", zarr_format=2)[:]
+        values: npt.NDArray[np.int64] = required("zarr", "data").open_array(tree.inside(name), mode="r", zarr_format=2)[
+            :
+        ]
     return values
 
 

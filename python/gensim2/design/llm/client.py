@@ -7,12 +7,11 @@ request fields that an endpoint does not support, and explains errors to the use
 from __future__ import annotations
 
 import base64
-import importlib
 import logging
 import re
 from typing import Any
 
-from gensim2.core.errors import InputError, MissingExtraError, ModelError, one_line
+from gensim2.core.errors import InputError, ModelError, one_line, required
 from gensim2.design.llm.boundary import Boundary, guarded_client
 from gensim2.design.llm.options import ModelOptions
 from gensim2.design.llm.questions import Message, ModelAnswer, ModelQuestion
@@ -46,7 +45,7 @@ class Client:
 
     def __init__(self, options: ModelOptions) -> None:
         self.options = options
-        self._openai, httpx = _load("openai"), _load("httpx2")
+        self._openai, httpx = required("openai", "llm"), required("httpx2", "llm")
         # Silence these loggers: at the debug level they would print keys and uncleaned replies.
         for name in ("openai", "httpx", "httpx2", "httpcore", "httpcore2"):
             logging.getLogger(name).setLevel(logging.WARNING)
@@ -241,10 +240,3 @@ def _message(message: Message) -> dict[str, Any]:
         data = base64.b64encode(picture.make()).decode()
         parts.append({"type": "image_url", "image_url": {"url": f"data:image/png;base64,{data}"}})
     return {"role": message.role, "content": parts}
-
-
-def _load(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise MissingExtraError(module, "llm") from error

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.core.yaml_files import check_finite, parse_yaml
 from gensim2.design.llm.boundary import whole_characters
 
@@ -133,11 +133,7 @@ def _read(piece: str) -> Data:
     if _brackets(stripped) > MAX_BRACKETS:
         raise InputError("the values in the answer are nested too deeply")
     try:
-        import json_repair
-    except ImportError as error:
-        raise MissingExtraError("json_repair", "llm") from error
-    try:
-        value = json_repair.loads(stripped)
+        value = required("json_repair", "llm").loads(stripped)
     except (ValueError, RecursionError, IndexError, TypeError) as error:
         raise InputError("the answer is not valid JSON") from error
     if isinstance(value, list):

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.core.errors import MissingExtraError
+from gensim2.core.errors import required
 from gensim2.core.foreign.geometry import MAX_URDF, opened_mesh
 from gensim2.core.foreign.library import read_by_library
 from gensim2.core.foreign.limits import MAX_OBJECT, MAX_TRIANGLES
@@ -54,10 +54,7 @@ class _Converter:
         self._included: set[str] = set()
 
     def write(self) -> Path:
-        try:
-            import mujoco
-        except ImportError as error:
-            raise MissingExtraError("mujoco", "mujoco") from error
+        mujoco = required("mujoco", "mujoco")
         root = self._read(self._file.name)
         if root.tag != "mujoco":
             raise AssetError(f"begins with <{root.tag[:40]}>, not <mujoco>", file=self._file)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from gensim2.core.errors import InputError, MissingExtraError
+from gensim2.core.errors import InputError, required
 from gensim2.core.validation import input_error
 from gensim2.perception import Observation, PointCloud
 from gensim2.perception.camera_record import CameraRecord
@@ -52,21 +52,13 @@ class RemoteError(InputError):
     """A policy server or client is unreachable, too late, refuses the connection, or sends an invalid message."""
 
 
-def msgpack() -> Any:
-    try:
-        import msgpack
-    except ImportError as error:
-        raise MissingExtraError("msgpack", "remote") from error
-    return msgpack
-
-
 def is_url(text: str) -> bool:
     """Return whether a text is the URL of a policy server."""
     return _URL.fullmatch(text) is not None
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
-    found: bytes = msgpack().packb(dict(message), default=_plain, use_bin_type=True)
+    found: bytes = required("msgpack", "remote").packb(dict(message), default=_plain, use_bin_type=True)
     return found
 
 
@@ -85,7 +77,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
         raise RemoteError(f"{sender} sent a text message, but must send a binary message")
     if len(data) > max_bytes:
         raise RemoteError(f"{sender} sent a message of {len(data)} bytes, but the limit is {max_bytes}")
-    library, counter = msgpack(), _Counter()
+    library, counter = required("msgpack", "remote"), _Counter()
     try:
         found = library.unpackb(
             data,
