@@ -130,32 +130,33 @@ def vulkan() -> Check:
     remedy = "run scripts/system_packages.sh vulkan or install Mesa 24.3 or newer; all but pictures works without"
     if importlib.util.find_spec("sapien") is None:
         return Check(name, "limited", "not tried: SAPIEN is not installed", "pip install 'gensim2[sim]'")
+    found, trouble = _probed(_VULKAN_PROBE)
+    if found is None:
+        return Check(name, "limited", trouble, remedy)
+    return Check(name, "ok", "software (Mesa)" if found[-1] == "cpu" else found[-1])
+
+
+def _probed(code: str) -> tuple[list[str] | None, str]:
+    """Run Python code in a process; return its lines, or None and the reason for its failure."""
     try:
-        probe = subprocess.run(
-            [sys.executable, "-c", _VULKAN_PROBE], capture_output=True, text=True, timeout=60, check=False
-        )
+        probe = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     except subprocess.TimeoutExpired:
-        return Check(name, "limited", "no answer within 60 s", remedy)
+        return None, "no answer within 60 s"
     if probe.returncode == 0:
-        device = probe.stdout.strip().splitlines()[-1]
-        return Check(name, "ok", "software (Mesa)" if device == "cpu" else device)
-    lines = probe.stderr.strip().splitlines()
-    return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
+        return probe.stdout.strip().splitlines(), ""
+    said = probe.stderr.strip().splitlines()
+    return None, said[-1] if said else f"ended with status {probe.returncode}"
 
 
 def mujoco_renderer() -> Check:
     """Check whether MuJoCo can draw pictures; takes about a second."""
     name = "MuJoCo's renderer"
-    try:
-        probe = subprocess.run(
-            [sys.executable, "-c", _MUJOCO_PROBE], capture_output=True, text=True, timeout=60, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return Check(name, "limited", "no answer within 60 s", _RAY_CASTER)
-    if probe.returncode != 0:
-        return Check(name, "limited", f"ended with status {probe.returncode}", _RAY_CASTER)
-    found, reason = probe.stdout.strip().splitlines()[-2:]
-    return Check(name, "ok", reason) if found == "mujoco" else Check(name, "limited", reason, _RAY_CASTER)
+    found, reason = _probed(_MUJOCO_PROBE)
+    if found is not None:
+        renderer, reason = found[-2:]
+        if renderer == "mujoco":
+            return Check(name, "ok", reason)
+    return Check(name, "limited", reason, _RAY_CASTER)
 
 
 def ray_casting() -> Check:

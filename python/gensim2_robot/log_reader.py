@@ -74,23 +74,16 @@ def messages(folder: Path) -> Iterator[tuple[str, AnyMessage]]:
                 message = message_of(topic, *unpack(data))
             except InputError as error:
                 raise InputError(error.message, file=path, field=error.field, remedy=_REMEDY) from error
+            wrong = None
             if is_first != isinstance(message, About):
-                raise InputError(
-                    "this message must be the first message of the file, and must occur only once",
-                    file=path,
-                    field="/about",
-                    remedy=_REMEDY,
-                )
-            if isinstance(message, About):
+                wrong = "this message must be the first message of the file, and must occur only once"
+            elif isinstance(message, About):
                 if about is not None and message != about:
-                    raise InputError(
-                        "this message differs from the first message of the previous file",
-                        file=path,
-                        field="/about",
-                        remedy=_REMEDY,
-                    )
+                    wrong = "this message differs from the first message of the previous file"
                 about, is_first = message, False
-            elif isinstance(message, PictureMessage) and about is not None:
+            if wrong is not None:
+                raise InputError(wrong, file=path, field="/about", remedy=_REMEDY)
+            if isinstance(message, PictureMessage) and about is not None:
                 _require_camera(message, about, path)
             yield topic, message
     if about is None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gensim2.core.errors import GenSim2Error
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data.runfolder import RunFolder, TaskFolder
@@ -106,7 +105,7 @@ def collect(
     kept = [entry for entry in entries if entry.held]
     collected = Collected(tuple(entries))
     if not kept:
-        _film_failures(entries[:videos], files, evaluator.config(task, instances), strategies, evaluator, progress)
+        _film_failures(entries[:videos], files, evaluator.config(task, instances), strategies, evaluator)
         return collected
     names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
     write_trajectory(
@@ -136,21 +135,12 @@ def _film_failures(
     config: EpisodeConfig,
     strategies: Strategies,
     evaluator: EpisodeRunner,
-    progress: Progress,
 ) -> None:
     """Run failed episodes again and record videos of them; report an error as a message and continue."""
     films = {episode.index: files.path / f"failed_{episode.index:06d}.mp4" for episode in failed}
     jobs = {each.index: (config, strategies, each.seed, films[each.index]) for each in failed}
     missing = {index: job for index, job in jobs.items() if not films[index].exists()}
-    if not missing:
-        return
-    what = f"{config.task.name}: films of failed episodes"
-    progress.start(what, len(missing))
-    try:
-        for _ in evaluator.each(film_attempt, missing, what):
-            pass
-    except GenSim2Error as error:
-        progress.message(f"{what}: {error}")
+    evaluator.make_films(film_attempt, missing, f"{config.task.name}: films of failed episodes")
 
 
 def _film(
@@ -162,17 +152,11 @@ def _film(
     folder = store.folder
     films = [folder / "video.mp4", *(film_path(folder, number) for number in range(1, len(kept)))]
     missing = [number for number in range(len(kept)) if not films[number].exists()]
-    if not missing:
-        return
-    progress.start(f"{task.name}: film", len(missing))
     stills = [folder / "still.png", *([None] * (len(kept) - 1))]
     jobs = {number: (folder / "trajectory.h5", number, films[number], stills[number]) for number in missing}
-    found = evaluator.each(film_job, jobs, f"{task.name}: film")
-    try:
-        for sentence in {made.renderer: None for _, made in found}:
-            progress.message(f"{task.name}: in the films, {sentence}")
-    except GenSim2Error as error:
-        progress.message(f"{task.name}: no video: {error}")
+    made = evaluator.make_films(film_job, jobs, f"{task.name}: film")
+    for sentence in dict.fromkeys(each.renderer for each in made):
+        progress.message(f"{task.name}: in the films, {sentence}")
 
 
 def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) -> Film:

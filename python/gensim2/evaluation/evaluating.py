@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from gensim2.core.errors import GenSim2Error, InputError
+from gensim2.core.errors import InputError
 from gensim2.core.processes import Execution
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.evaluation.running import Arguments, Table, TableExtent, tabulate
@@ -110,8 +110,8 @@ def evaluate(
 
     def film(one: TaskInput, folder: RunFolder, runner: EpisodeRunner, found: Sequence[Episode]) -> None:
         if videos:
-            _keep_missing(one, folder, runner, spec, stop, min(videos, runs * episodes), found, progress)
-            films[one.spec.name] = _film(one, spec, about, folder, runner, seed, progress)
+            _keep_missing(one, folder, runner, spec, stop, min(videos, runs * episodes), found)
+            films[one.spec.name] = _film(one, spec, about, folder, runner, seed)
 
     return tabulate(
         given,
@@ -183,7 +183,6 @@ def _keep_missing(
     stop: Stop,
     videos: int,
     episodes: Sequence[Episode],
-    progress: Progress,
 ) -> None:
     """Repeat the episodes without stored states that need a video, and store their states."""
     files = folder.task(given.spec.name).path
@@ -194,14 +193,7 @@ def _keep_missing(
         for index in range(videos)
         if index not in kept and episodes[index].control_steps  # an episode without control steps has no video
     }
-    if not missing:
-        return
-    progress.start(f"{given.spec.name}: episodes to film", len(missing))
-    try:
-        for _ in runner.each(_episode, missing, f"{given.spec.name}: episodes to film"):
-            pass
-    except GenSim2Error as error:  # an error in a video must not hide the results
-        progress.message(f"{given.spec.name}: not all episodes can be recorded as video: {error}")
+    runner.make_films(_episode, missing, f"{given.spec.name}: episodes to film")
 
 
 def _recorded(folder: Path) -> dict[int, tuple[Path, str]]:
@@ -220,7 +212,6 @@ def _film(
     folder: RunFolder,
     runner: EpisodeRunner,
     seed: int,
-    progress: Progress,
 ) -> list[str]:
     """Record videos of a task's episodes with stored states; the controller's point cloud appears next to the image."""
     from gensim2.data.films import film_episode, film_path
@@ -250,10 +241,5 @@ def _film(
         for n, ((path, _), film) in enumerate(zip(episodes, films, strict=True))
         if not film.exists()
     }
-    progress.start(f"{task.name}: films", len(missing))
-    try:
-        for _ in runner.each(film_episode, missing, f"{task.name}: films"):
-            pass
-    except GenSim2Error as error:
-        progress.message(f"{task.name}: no video: {error}")
+    runner.make_films(film_episode, missing, f"{task.name}: films")
     return [str(film) for film in films if film.exists()]

@@ -9,9 +9,8 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from gensim2.core.errors import InputError
 from gensim2.core.files import append, write_atomic
-from gensim2.core.foreign.tree import read_regular, why
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.record_files import parse_record
 
 CURVES = "curves.jsonl"
@@ -63,14 +62,8 @@ def read_curves(folder: Path) -> list[dict[str, Any]]:
         InputError: the file cannot be read, or a line is not a valid point.
     """
     path, remedy = folder / CURVES, "delete the file"
-    try:
-        content = read_regular(path, MAX_BYTES)
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise InputError(why(error), file=path, remedy=remedy) from error
     found = []
-    for number, line in enumerate(content.splitlines(), 1):
+    for number, line in enumerate(read_input(path, MAX_BYTES, remedy, b"").splitlines(), 1):
         if not line.endswith(b"}"):
             break  # The last line is incomplete, because the run was interrupted; the steps after it are repeated.
         point = parse_record(line, TypeAdapter(_Point), path, remedy, f"line {number}")

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter
 
-from gensim2.core.errors import InputError
+from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.files import write_json
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, results
@@ -121,6 +121,19 @@ class EpisodeRunner:
         for index, found in self.run(function, numbered, what):
             yield index, found
             self._progress.advance()
+
+    def make_films(
+        self, function: Callable[..., Result], jobs: Mapping[int, tuple[Any, ...]], what: str
+    ) -> list[Result]:
+        """Run the jobs of a stage ``what`` and return their results; errors are only shown, so they hide no results."""
+        made: list[Result] = []
+        if jobs:
+            self._progress.start(what, len(jobs))
+        try:
+            made.extend(found for _, found in self.each(function, jobs, what))
+        except GenSim2Error as error:
+            self._progress.message(f"{what}: not all were made: {error}")
+        return made
 
     def screen(
         self,

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.files import not_written, write_atomic, write_json
-from gensim2.core.foreign.tree import MAX_RECORD, read_regular, why
+from gensim2.core.foreign.tree import MAX_RECORD, read_input, read_regular
 from gensim2.core.record_files import parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import rng
@@ -284,12 +284,7 @@ def read_trials(folder: Path) -> list[Trial]:
         InputError: the file cannot be read, or an earlier line is damaged or repeats a trial.
     """
     path = folder / LINES
-    try:
-        data = read_regular(path, MAX_RECORD)
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise InputError(why(error), file=path, remedy=REMEDY) from error
+    data = read_input(path, MAX_RECORD, REMEDY, b"")
     found: dict[int, Trial] = {}
     for number, row in enumerate(_whole_lines(data).splitlines(), 1):
         trial = parse_record(row, _TRIAL, path, REMEDY, f"line {number}")

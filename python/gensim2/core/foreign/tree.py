@@ -76,7 +76,7 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
     return content
 
 
-def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
+def read_input(path: Path, max_bytes: int, remedy: str | None = None, missing: bytes | None = None) -> bytes:
     """Read a regular file no larger than ``max_bytes``.
 
     Raises:
@@ -85,6 +85,8 @@ def read_input(path: Path, max_bytes: int, remedy: str | None = None) -> bytes:
     try:
         return read_regular(path, max_bytes)
     except OSError as error:
+        if missing is not None and isinstance(error, FileNotFoundError):
+            return missing
         raise InputError(why(error), file=path, remedy=remedy) from error
 
 

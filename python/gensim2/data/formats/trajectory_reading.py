@@ -99,32 +99,23 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
 
 def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) -> None:
     origin = document.gensim2
+
+    def wrong(message: str, field: str) -> InputError:
+        return InputError(message, file=file, field=f"gensim2.{field}", remedy=REMEDY)
+
     if record != origin.dataset:
-        wrong = "the task belongs to a different data set from the tasks read before"
-        raise InputError(wrong, file=file, field="gensim2.dataset")
+        raise wrong("the task belongs to a different data set from the tasks read before", "dataset")
     if len(origin.indices) != len(document.episodes):
         counts = f"has {len(origin.indices)} entries, but the list 'episodes' has {len(document.episodes)}"
-        raise InputError(counts, file=file, field="gensim2.indices", remedy=REMEDY)
+        raise wrong(counts, "indices")
     if any(later <= earlier for earlier, later in zip(origin.indices, origin.indices[1:], strict=False)):
-        raise InputError(
-            "each episode index must be larger than the index before it",
-            file=file,
-            field="gensim2.indices",
-            remedy=REMEDY,
-        )
+        raise wrong("each episode index must be larger than the index before it", "indices")
     spec = parse_task(origin.task, str(file))
     if spec.name != name:
-        raise InputError(
-            f"the task is named {spec.name!r}, but its folder is named {name!r}", file=file, field="gensim2.task.name"
-        )
+        raise wrong(f"the task is named {spec.name!r}, but its folder is named {name!r}", "task.name")
     if set(origin.strategies) != set(strategies_of(spec)):
         other = sorted(set(origin.strategies) ^ set(strategies_of(spec)))[0]
-        raise InputError(
-            f"the strategies do not match the task: {other!r} occurs in only one of the two",
-            file=file,
-            field="gensim2.strategies",
-            remedy=REMEDY,
-        )
+        raise wrong(f"the strategies do not match the task: {other!r} occurs in only one of the two", "strategies")
 
 
 def _write_task(document: _Trajectory, store: TaskStore, tree: ForeignTree, progress: Progress) -> None:
