@@ -21,8 +21,7 @@ import numpy as np
 
 from gensim2.core.errors import GenSim2Error
 
-# This test runs in a subprocess, because a crashing driver would end this process, and because SAPIEN's settings
-# cannot be undone.
+# A subprocess, because a driver may crash, and SAPIEN's settings cannot be undone.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)

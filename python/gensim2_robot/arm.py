@@ -166,9 +166,8 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # A command's velocity is the mean velocity in a cycle, which the planned motion has in the middle of the cycle.
-        # But the limit depends on the position, and is checked at the end of the cycle. The planned motion must
-        # therefore already respect the limits of the position that the arm reaches half a cycle later.
+        # A command's velocity is the motion's in the middle of the cycle, but its limit is that of the position at the
+        # end, so the motion must respect the limits half a cycle ahead.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -203,8 +202,7 @@ class Streamer:
         if len(rows) == 1:
             return True
         stretch = np.diff(times)
-        # The velocity at the last target follows from the last two targets, even if the arm has already passed the
-        # first of them. If the two are equal, or only one target exists, the velocity is 0: the motion ends there.
+        # The velocity at the last target is that between the last two, even passed ones; 0 if equal or single.
         before, last = self._newest[0], self._newest[-1]
         rows.append(rows[-1] + self._rest(rows[-1], (last[1] - before[1]) / max(last[0] - before[0], CYCLE)))
         slowest = [*stretch, CYCLE]

@@ -174,8 +174,7 @@ class ArmLimits:
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
         braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
-        # The FR3 can move only very slowly near the ends of a joint range, so the position limits exclude these
-        # positions.
+        # The FR3 is very slow near the ends of a range, so exclude these positions.
         if braking is not None:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)

@@ -113,8 +113,7 @@ class _Film:
         self._q: npt.NDArray[np.float64] | None = None
         self._motion = 0.0
         self._motions: list[float] = []  # motion of the joints before each time in self.times, rad
-        # Name of the camera whose first image arrives last. The video frames are made at the times of this camera's
-        # images.
+        # Camera whose first image arrives last; frames are made at the times of its images.
         self._last = ""
 
     def look(self, message: AnyMessage) -> None:

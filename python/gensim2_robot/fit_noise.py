@@ -145,8 +145,7 @@ class _Part:
         # The median is noisy at edges, so only pixels away from edges count as flat surfaces.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # The median depth still contains noise. Without smoothing, this noise would change the surface angle by 0.1 rad
-        # and more from pixel to pixel.
+        # The median's noise would change the surface angle by 0.1 rad and more between pixels.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)
@@ -189,8 +188,7 @@ class _Part:
             share = covariance / max(variance, 1e-12)
             if 0.02 < share < 0.995:
                 found.append(lag / np.sqrt(-4.0 * np.log(share)))
-        # No value is found if the errors of neighbouring pixels are hardly correlated. A blur with a standard deviation
-        # below a third of a pixel cannot be distinguished from uncorrelated noise, so 0 is returned.
+        # Without correlation none is found: a blur below a third of a pixel looks like none, so 0.
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
@@ -205,9 +203,8 @@ class _Part:
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # A mixed depth is detected only if it differs by more than ``room`` from the depth on each side of the edge. If
-        # mixed depths are distributed uniformly between the two sides, the fraction ``shows`` of them is detected.
-        # Dividing by ``shows`` corrects for the others.
+        # A mixed depth shows if it differs from both sides by more than ``room``: of uniformly distributed ones the
+        # fraction ``shows``, for which the division corrects.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 

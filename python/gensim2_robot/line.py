@@ -107,8 +107,7 @@ def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> i
         latency: delay of an image, s.
         max_age: maximum age of an image at a request, s.
     """
-    # The period stays the same if the request follows soon after images. The period also stays the same if images
-    # arrive less than once per period, because then no shift helps.
+    # No shift soon after images, nor if they come less than once per period, when none helps.
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age

@@ -142,8 +142,7 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        # If a log file has no name left, the file was deleted while it was open. Its content will be lost, so writing
-        # fails here.
+        # A log file without a name was deleted while open, so its content will be lost.
         if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the log file was removed")
         return len(block)

@@ -53,9 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # A damaged message can state a shape that is larger than its data. NumPy then raises a ValueError,
-                # which is handled below. For a huge count, however, NumPy would raise an OverflowError, so the count is
-                # limited.
+                # A shape may exceed the data: a ValueError, handled below, but an OverflowError for a huge count, which
+                # is limited.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory

@@ -173,8 +173,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            # After the end of its data, an MCAP file has a summary for quick access. The reader skips the summary,
-            # because the summary only repeats data.
+            # After its data an MCAP file has a summary, which only repeats data.
             if not ended:
                 yield from read(opcode, content)
         if closed and not ended:

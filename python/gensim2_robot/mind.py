@@ -137,8 +137,7 @@ class LineBody:
         next: message that ended the episode. ``observe`` has received this message while it waited for a request.
     """
 
-    # The rollout loop waits for each action of the controller, because the control loop of the arm already measures the
-    # delays.
+    # The rollout loop waits, because the arm's loop already measures delays.
     waits = True
 
     def __init__(
@@ -212,8 +211,7 @@ class LineBody:
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
         if self._truth is not None and spec.is_proprioceptive:
-            # A planner uses no camera. The point cloud is computed all the same, because the log and the web page show
-            # it.
+            # A planner uses no camera, but the log and the page show the cloud.
             shown = self._eyes_of(ObservationSpec(cameras=tuple(each.name for each in self._spec.cameras))).observe(
                 sight
             )

@@ -160,8 +160,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 )
     calibration = None
     if config.calibration is not None:
-        # A real camera reports its image size only when it is opened, so its size is compared with the calibration
-        # then.
+        # A real camera's image size is known, and compared, only when it is opened.
         asked = cameras if source.is_rendered else ()
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
@@ -306,8 +305,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     if policy is None:
         rollout = given.rollout
         if config.scene_source != TRUE_SCENE:
-            # The images of the loop's cameras are noisy. The name of a noise model makes the planner filter stray
-            # points; it adds noise only to images that are rendered for an episode without a control loop.
+            # The noise model's name makes the planner filter stray points; it adds noise only to rendered images.
             rollout = replace(rollout, scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
         # The arm executes a plan at the fraction ``speed`` of the planned speed.
         strategies = slow_in_contact(given.strategies, CONTACT_SPEED / config.speed)

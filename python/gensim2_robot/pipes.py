@@ -191,8 +191,7 @@ class PictureSlots:
         try:
             memory = SharedMemory(create=True, size=size)
             try:
-                # Memory is allocated now, so that a full /dev/shm raises an error here. Otherwise a later write to the
-                # memory would fail with SIGBUS, which kills the control loop.
+                # Allocate now: on a full /dev/shm a later write would kill the loop with SIGBUS.
                 os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
             except OSError:
                 memory.close()

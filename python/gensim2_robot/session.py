@@ -264,8 +264,7 @@ class Session:
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # After the goal is reached, the scene needs time to settle. As in a simulated rollout, the time limit of the
-        # episode includes this time. The robot must therefore reach the goal before a shorter limit.
+        # As in a rollout, the episode's limit includes the time to settle after the goal.
         most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()

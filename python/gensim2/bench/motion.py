@@ -152,8 +152,7 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Run one collision check before the planning calls are timed. The first check also computes the spheres that cover
-    # the robot's links, and the measured times should not include this computation.
+    # Run one check first, because it also computes the spheres that cover the links, which is not to be timed.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []

@@ -22,8 +22,7 @@ from gensim2.core.record_files import parse_record
 
 Array = npt.NDArray[np.float64]
 
-#: Maximum deviation of a stored rotation matrix from orthonormality. The data have single precision, so rounding errors
-#: must be tolerated.
+#: Maximum deviation of a rotation matrix from orthonormality, in single precision.
 ROTATION_TOLERANCE = 1e-4
 
 

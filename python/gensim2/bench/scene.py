@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-#: Smallest thickness of a part (m, at its final scale). Flat parts get this thickness, because a convex hull needs a
-#: volume.
+#: Smallest thickness of a part (m, final scale); flat parts get it, because a hull needs a volume.
 MINIMUM_THICKNESS = 5e-4
 SAME_PLACE = 1e-9  # vertices closer than this are merged (units of the file)
 
@@ -90,8 +89,7 @@ Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attach
 TABLE_HALF_EXTENTS = np.array([0.65, 0.65, 0.025])
 TABLE_CENTER = np.array([0.0, 0.0, -0.025])
 
-#: Maximum distance (m) between the hand's keypoint ``tool_head`` and the origin of a rigid object that counts as
-#: grasped.
+#: Maximum distance (m) from ``tool_head`` to the origin of a rigid object that counts as grasped.
 GRASP_DISTANCE = 0.03
 
 

@@ -52,8 +52,7 @@ def keypoint_problem(
         InputError: the solver rejects the problem's config, or a number is out of range.
     """
     joint = scene.joint
-    # The solver of the original GenSim2 keeps no margin to obstacles, and it ignores collisions between the hand and
-    # the manipulated object.
+    # The original solver keeps no margin, and ignores collisions of the hand with the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

@@ -147,8 +147,7 @@ def _leave(code: int) -> NoReturn:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to ``sys.argv``."""
     for stream in (sys.stdout, sys.stderr):
-        # The terminal's encoding may lack characters of a path; Python would then raise an error, so print escape
-        # sequences.
+        # The terminal's encoding may lack characters of a path, so print escape sequences instead of failing.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -176,8 +175,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        # Click replaces a KeyboardInterrupt by Abort. The notes that belong to the message below are attached to the
-        # KeyboardInterrupt, which is the cause of Abort.
+        # Click replaces KeyboardInterrupt by Abort; the notes for the message are on its cause, the former.
         notes = getattr(error.__cause__ or error, "__notes__", ())
         return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
@@ -231,8 +229,7 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 #: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Delay in seconds after which a postponed signal is handled. A signal is postponed while a package of ``SWALLOWING``
-#: is running, because this package would catch the exception.
+#: Delay (s) after which a signal that a package of ``SWALLOWING`` would catch is handled.
 AGAIN = 0.05
 
 

@@ -47,8 +47,7 @@ class _Robot(click.ParamType[str]):
 
 
 Robot = Annotated[str, _Robot(), Option(metavar="NAME|FILE.py")]
-#: The option has the type str instead of a path type, because ``builtin`` is the name of the packaged policy, while
-#: ``./builtin`` is a folder.
+#: A str, not a path: ``builtin`` is the packaged policy, ``./builtin`` a folder.
 Checkpoint = Annotated[str, Option(metavar="DIR|builtin")]
 
 
@@ -144,8 +143,7 @@ _SHARED = options_of_class(Shared)
 #: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
-#: Options of the planner's input. They determine whether the planner gets the true scene or an estimate, and which
-#: noise the depth images have from which the scene is estimated.
+#: Options of the planner's input: the true scene or an estimate, and the noise of its depth images.
 PLANNER = ("scene_source", "depth_noise")
 #: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
@@ -257,8 +255,7 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
         UsageError: ``--resume`` is given without ``--out``. Without ``--out`` the command would use a new folder, which
             contains no run to resume.
     """
-    # The command `design` can resume a run without --out: its default run folder is a subfolder of its argument
-    # `folder`.
+    # `design` can resume without --out, because its run folder is below its argument `folder`.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
         raise click.UsageError("--resume continues the run in the folder given with --out; add --out")
     if given.get("ray") is not None and not is_given(context, "workers"):
@@ -274,6 +271,5 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     if (library := given.pop("library", None)) is not None:
         from gensim2.tasks.library import using_library
 
-        # Only this process looks up tasks by name. The jobs of worker processes contain complete task definitions, so
-        # the workers do not need the library.
+        # Only this process looks up tasks by name; jobs contain complete definitions.
         context.with_resource(using_library(library))

@@ -123,8 +123,7 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        # The new tasks cannot be stored in a read-only library (an archive). Getting the folder raises an error for
-        # such a library before the work begins.
+        # Fail before the work begins if the library is an archive, to which tasks cannot be added.
         _ = memory.folder
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)

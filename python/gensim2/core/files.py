@@ -107,12 +107,10 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            # If the parent path is a file, ignore the error here, because ``_locked`` below raises an error with a
-            # better message.
+            # If the parent path is a file, ``_locked`` below raises a better message.
             with contextlib.suppress(FileExistsError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-            # Other processes remove temporary folders that are not locked. Therefore this process locks the parent
-            # folder until the new temporary folder has its own lock.
+            # Unlocked temporary folders may be removed, so lock the parent until the new one is locked.
             with _locked(path.parent) as alone:
                 if alone:
                     _remove_left(path)
@@ -120,8 +118,7 @@ def new_folder(path: Path) -> Iterator[Path]:
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
-            # Check that the path still leads to the locked folder. A replacement folder would not be locked, and other
-            # processes could remove it.
+            # A replacement folder would be unlocked, and other processes could remove it.
             assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
             try:
                 filled.replace(path)

@@ -46,8 +46,7 @@ def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy
         InputError: as for :func:`read_record`.
     """
     try:
-        # Parse with ``json`` first. pydantic would accept NaN, which is not valid JSON, and an untrusted file could
-        # make pydantic's parser very slow.
+        # ``json`` first: pydantic accepts NaN, and an untrusted file can make its parser very slow.
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:

@@ -219,9 +219,8 @@ class ResumableFolder(Generic[Settings]):
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
-            # Remove the temporary files of killed workers. If the ``with`` block has raised an error, for example
-            # because the disk is read-only, the removal may fail as well. An error of the removal is then ignored, so
-            # that the caller gets the error of the ``with`` block. The next run removes the remaining files.
+            # Remove files of killed workers. After an error of the block, such as a read-only disk, this may fail as
+            # well; the caller gets the block's error, and the next run removes the files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
         finally:

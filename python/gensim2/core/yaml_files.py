@@ -25,8 +25,7 @@ MAX_DEPTH = 30
 #: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
-#: Maximum length, in characters, at which an error message quotes an invalid integer. For a longer integer, the message
-#: says only that the integer has more than 64 bits, because Python refuses to convert very long integers.
+#: Maximum length at which a message quotes an invalid integer; Python refuses to convert very long ones.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -179,8 +178,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return found
 
 
-# Read only true and false as booleans. YAML 1.1 also reads "on", "off", "yes" and "no" as booleans, but we use "on" as
-# the name of a field.
+# Only true and false are booleans; YAML 1.1 also has "on", "off", "yes" and "no", but "on" is a field here.
 _BOOL = _PREFIX + "bool"
 _PlainLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]

@@ -22,8 +22,7 @@ from gensim2.rollout.tally import Tally, engines_record
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Maximum number of episodes for each requested demonstration. The collection stops at this limit, even if too few
-#: episodes have succeeded.
+#: Maximum number of episodes for each requested demonstration, at which the collection stops.
 TRIES_PER_DEMO = 5
 
 

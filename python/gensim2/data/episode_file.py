@@ -24,9 +24,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 version of the files. Files of version 1.10 are half as large as files of HDF5's default version, an older one,
-#: which needs an index of 2 kB for each of the ten arrays. Writing takes the same CPU time with both versions
-#: (benchmarks/stores.py).
+#: HDF5 version of the files: 1.10 makes them half as large as the default, which needs 2 kB of index for each of ten
+#: arrays, in the same CPU time (benchmarks/stores.py).
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -169,8 +168,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    # HDF5 lists names alphabetically. Names are also written in this order, so that reading a file and writing it again
-    # gives identical bytes.
+    # Names are written in HDF5's alphabetical order, so that reading and writing gives identical bytes.
     for name, value in sorted(tree.items()):
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)

@@ -164,8 +164,7 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            # Writing this report can fail, too, for example on a full disk. Suppress this second error, so that the
-            # error that ended the collection is raised.
+            # Suppress an error of this report, such as a full disk, so that the collection's error is raised.
             with contextlib.suppress(InputError):
                 self._report()
             raise
@@ -240,8 +239,7 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                # Read each object once from the library, to compare the hash of its current content with the hash that
-                # each episode recorded.
+                # Read each object once, to compare its hash with that of each episode.
                 if key not in self._objects:
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]

@@ -78,8 +78,7 @@ def _drawing(salt: str, draw: Any) -> str:
     coloured = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
     sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
     settings: dict[Any, Any] = {**dict.fromkeys(coloured, _INK), **dict.fromkeys(sized, _POINTS)}
-    # Equal data must give equal bytes. Therefore the salt makes the ids of the SVG elements reproducible, and no date
-    # is written to the file. The font type "none" stores text as text instead of curves.
+    # For reproducible bytes, the salt fixes the SVG ids and no date is written; font type "none" keeps text.
     settings |= {"svg.hashsalt": salt, "svg.fonttype": "none"}
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=_INCHES, layout="constrained", facecolor="none")

@@ -73,10 +73,9 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # ``trajectory.h5`` gets its final name before ``trajectory.json``, so that the JSON file never refers to missing
-    # data. In the JSON file, the list of used objects precedes the entries of the episodes, but this list is complete
-    # only after the last episode was read. Therefore the entries are first written to a temporary file. Without the
-    # temporary file, each episode would have to be read twice.
+    # ``trajectory.h5`` comes first, so that the JSON never refers to missing data. The list of used objects precedes
+    # the episodes in it but is complete only at the end, so entries go to a temporary file, and each episode is read
+    # once.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -148,8 +147,7 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    # An environment id that ends with ``task.env_id`` belongs to a task that the environment can load from the library.
-    # For any other task, the arguments of the environment must contain the definition of the task.
+    # An id that ends with ``task.env_id`` is a library task; for others the arguments have the definition.
     if not _env_id(task).endswith(task.env_id):
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs

@@ -121,8 +121,7 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        # The file may be untrusted. Other reset options of ManiSkill can set any state of the simulation, so only
-        # ``RESET_OPTIONS`` are accepted.
+        # Other reset options of ManiSkill in an untrusted file can set any state of the simulation.
         if unknown := reset.options.keys() - RESET_OPTIONS:
             raise InputError(f"the option {min(unknown)!r:.80} is unknown", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))

@@ -161,8 +161,7 @@ class Affordance:
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
-        # Average only the instances with the more frequent joint type, because revolute joints are measured in rad and
-        # prismatic joints in m.
+        # Average instances of the more frequent joint type, because units differ (rad, m).
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
         instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint

@@ -10,8 +10,7 @@ from typing import Any
 #: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: Phrases for the measured values in an episode's diagnosis, by the name of the value. The value is inserted at the
-#: braces.
+#: Phrases for measured values of a diagnosis, by name; braces stand for the value.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the point between the fingertips came within {:.0f} mm of its surface",

@@ -74,17 +74,14 @@ ALIKE = 3
 #: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_EACH = 300
 
-#: Start positions (x, y) of a rigid object in the world, m. As seen from the robot, ``BESIDE`` is on the right of the
-#: object's destination, and ``OTHER_SIDE`` is on the left.
+#: Start positions (x, y) of rigid objects, m: right of the destination as seen from the robot, and left.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 
-#: Ranges (m) of the random offsets that are added to start positions. ``CLOSE_ABOUT`` has smaller ranges, for tasks
-#: with several rigid objects.
+#: Ranges (m) of random offsets of start positions; ``CLOSE_ABOUT`` is for several rigid objects.
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
-#: Poses of two articulated objects that stand side by side. Each pose is ((x, y), yaw): the position in the world in m,
-#: and the yaw in rad.
+#: Poses ((x, y) in m, yaw in rad) of two articulated objects side by side.
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
 
 

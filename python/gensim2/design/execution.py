@@ -43,8 +43,7 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
-#: Minimum success rate in verification for a task to be kept. The first rate is for single-step tasks, the second rate
-#: for tasks with several steps.
+#: Minimum success rate of a kept task, with a single step and with several steps.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
 #: Default number of verification episodes.
@@ -158,16 +157,13 @@ def verify(
     return verification
 
 
-#: The run searches for strategies for at most this many proposals per requested task. It then ends, even if it has kept
-#: too few tasks.
+#: Maximum number of searched proposals per requested task.
 PROPOSALS_PER_TASK = 3
 
-#: The run skips a proposal if it has already kept enough tasks of the proposed kind (single-step or long). It ends
-#: after this many consecutive skipped proposals.
+#: A run ends after this many consecutive proposals of a kind of which it has enough tasks.
 MAX_UNWANTED = 300
 
-#: Minimum CPU time in seconds between two rewrites of the report. The report is not rewritten after every task, because
-#: the time of a rewrite grows with the number of tasks.
+#: Minimum CPU time (s) between rewrites of the report, which take longer with more tasks.
 REPORT_EVERY = 60.0
 
 
@@ -390,8 +386,7 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            # Load the class only for its warnings: loading appends warnings about the objects of the class to
-            # ``self._classes.notes``, which the report shows.
+            # Loading the class adds warnings about its objects to ``self._classes.notes`` for the report.
             _ = self._classes[thing.asset_class]
         self.folder.save()
         record = read_design(folder.path)

@@ -17,8 +17,7 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Openness at which the commanded motion ends: ``OPENED`` if the joint is opened, ``CLOSED_UP`` if it is closed. The
-#: values lie beyond the joint's limits, because a pushed part lags behind the command.
+#: Openness at which commanded motions end, beyond the limits, because pushed parts lag behind.
 OPENED, CLOSED_UP = 1.05, -0.1
 
 _HALF = math.sqrt(0.5)
@@ -48,9 +47,8 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: Alignments that often work for prismatic joints, such as drawers. Each entry contains the name of an approach
-#: direction, followed by the fields ``gripper``, ``roll``, ``behind``, ``inset``, ``motion`` and ``tolerance`` of a
-#: :class:`Manipulation`.
+#: Alignments that often work for prismatic joints: approach direction, then ``gripper``, ``roll``, ``behind``,
+#: ``inset``, ``motion`` and ``tolerance`` of a :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),

@@ -76,12 +76,10 @@ def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Number of alignments that are sampled for a joint: ``FIRST_DRAW`` at the start of a search, and ``SECOND_DRAW`` more
-#: if no candidate succeeds often enough.
+#: Alignments sampled for a joint: ``FIRST_DRAW`` first, ``SECOND_DRAW`` more if none succeeds often enough.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
-#: A search has at most ``REFINE_ROUNDS`` rounds of refinement. Each round varies the ``REFINE_PARENTS`` best candidates
-#: and makes ``REFINE_CHILDREN`` variants of each candidate.
+#: Refinement: at most ``REFINE_ROUNDS`` rounds of ``REFINE_CHILDREN`` variants of ``REFINE_PARENTS`` best ones.
 REFINE_PARENTS = 3
 REFINE_CHILDREN = 4
 REFINE_ROUNDS = 3

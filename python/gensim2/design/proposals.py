@@ -26,16 +26,13 @@ ASKED_FOR = 0.5
 #: Maximum deviation of the initial openness from its mean, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Mean of the initial openness, and maximum deviation from this mean. Objects that start closed use ``SHUT_AT``, and
-#: objects that start open use ``OPEN_AT``.
+#: Mean initial openness and maximum deviation of objects that start closed, and open.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
-#: Height in metres by which an object must rise for a lifting task to succeed. The default grasp strategy lifts the
-#: object twice as high, which leaves a margin.
+#: Height (m) by which an object must rise; the default grasp lifts it twice as high.
 LIFT = 0.06
 
-#: ``RIGID`` is the maximum number of proposed tasks that differ only in the rigid object. ``RIGID_USEFUL`` is the
-#: usefulness of these tasks, which is a number from 0 to 1 that determines the order of the proposals.
+#: ``RIGID``: tasks that differ only in the rigid object; ``RIGID_USEFUL``: their usefulness (0 to 1, for the order).
 RIGID, RIGID_USEFUL = 3, 0.8
 
 #: Ways to hand an object over: name, sentence, and start position (x, y) in the world, m.

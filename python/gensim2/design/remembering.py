@@ -76,9 +76,8 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # It is unknown with which objects the author designed the task. The verification therefore uses the same objects as
-    # the verification of a designed task: new objects of a generated class, and the test split of a class of real
-    # objects, or the whole class if it is too small for a test split.
+    # The author's objects are unknown, so verify as for a designed task: new objects of generated classes, the test
+    # split of real ones, or the whole class if it is too small.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"

@@ -85,8 +85,7 @@ class Budget:
     max_physics_episodes: int = 150
 
 
-#: Budget for long tasks. It is smaller than the default budget, because an episode of a long task takes ten times as
-#: long as an episode of a single-step task, and because long tasks have few candidates.
+#: Budget for long tasks, whose episodes take ten times as long and which have few candidates.
 LONG_BUDGET = Budget(
     screen_scenes=2,
     rounds=((3, 1), (2, 2)),

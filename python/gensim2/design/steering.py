@@ -44,8 +44,7 @@ DIRECTION_POWER = 4
 #: The similarity of two contacts decreases exponentially with their distance; at this distance (m) it is 1/e.
 OFFSET_SCALE = 0.02
 
-#: For each condition: the parts of an alignment that decide whether the condition is met. If one alignment meets the
-#: condition, alignments with similar parts are likely to meet the condition, too.
+#: Decisive parts of an alignment for each condition: similar parts give similar results.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
@@ -115,8 +114,7 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # To draw a weighted sample without replacement, add Gumbel noise to the logarithm of each weight and select the
-    # largest sums (Vieira 2014).
+    # A weighted sample without replacement: the largest logarithms plus Gumbel noise (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 

@@ -37,8 +37,7 @@ SEED = 7
 #: Edge length in pixels of the pictures of one object.
 OBJECT_SIZE = 300
 
-#: Pictures show a coordinate frame as three axes. ``AXIS`` is the length of each axis in metres, and ``COLOURS`` are
-#: the colours of the x, y and z axes.
+#: Length (m) of the three axes of drawn coordinate frames, and their colours.
 AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 
 #: Position, target and field of view of the video camera (gensim2.perception.raycast.state_drawing).

@@ -14,8 +14,7 @@ from gensim2.tasks.spec import TaskSpec
 
 TaskType = Literal["single-step", "long-horizon"]
 
-#: Verdicts (definitions of success) by their field names in the JSON output. The output calls the paper's verdict
-#: ``success``.
+#: Verdicts by their names in the JSON output, which calls the paper's verdict ``success``.
 VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
 
 

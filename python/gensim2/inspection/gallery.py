@@ -166,8 +166,7 @@ class _Maker:
             return picture
         stream = io.BytesIO()
         pictures.turntable(model, self._views, self._size).save(stream, "WEBP", quality=82, method=4)
-        # The pattern matches pictures of this object only. A looser pattern for object 1 would also match, and delete,
-        # pictures of object 1-2.
+        # A looser pattern for object 1 would also match, and delete, pictures of object 1-2.
         own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")
         for outdated in file.parent.glob("*.webp"):
             if own.fullmatch(outdated.name):

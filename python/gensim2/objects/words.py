@@ -23,9 +23,8 @@ Direction = Literal["left", "right", "away"]
 UNKNOWN = 0.6
 """Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
-#: Names and instructions of tasks, by the suffix of the object's class name. For each suffix, the first pair is for
-#: moving the joint to its upper limit, and the second pair is for the lower limit. Each pair consists of the task name
-#: and the instruction, in which ``{}`` stands for the object.
+#: Names and instructions of tasks by suffix of the class, for the joint's upper and lower limit; ``{}`` stands for the
+#: object.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
     "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
@@ -185,8 +184,7 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 def in_ascii(phrase: str) -> str:
     """Convert a phrase to ASCII words for names; otherwise ``object`` with a number computed from the phrase."""
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # The conversion to ASCII removes accents, but it also removes letters without an ASCII form. The result is used
-    # only if no letter was removed.
+    # Without accents, but also without letters that have no ASCII form; used only if none was removed.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

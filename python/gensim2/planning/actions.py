@@ -16,21 +16,17 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06
 
-#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum leaves a reserve for
-#: torques and inertial forces. The maximum is needed because some physics solvers simulate soft contacts with light
-#: bodies: under a force of many times the body's weight, the pads sink into the body, and a ball of a few grams is
-#: ejected from the hand.
+#: Minimum and maximum grip force of each finger, in weights of the object: a reserve for torques and inertia, and a
+#: limit, because under many weights the pads sink into light bodies in some solvers and eject them.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
-#: Effective radius (m) of a pad. A pad resists rotation of the object about the line between the pads; the largest
-#: torque is the friction force times this radius.
+#: Effective pad radius (m): a pad resists rotation by friction force times this radius.
 PAD_ARM = 0.0075
 
-#: Minimum grip force (N) of each finger. The weight of a light object does not determine the required force, because
-#: the inertia of the fingers is larger than the inertia of the object.
+#: Minimum grip force (N) of each finger: the fingers' inertia exceeds that of light objects.
 LEAST_GRIP_FORCE = 0.5
 
 #: Gravitational acceleration, m/s².

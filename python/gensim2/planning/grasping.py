@@ -18,15 +18,13 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Maximum number of feasible grasps that the planner compares. The strategies of a step are listed in order of
-#: preference. The planner therefore prefers a grasp that allows the next step to use its first strategy.
+#: Maximum number of feasible grasps to compare, for one with which the next step can use its first strategy.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 
-#: If no grasp can be executed, the planner tries the grasps again whose lift is blocked by an obstacle, now with a
-#: horizontal motion of ``ASIDE`` before the lift. This value is the maximum number of grasps that are tried again.
+#: Maximum number of grasps with a blocked lift to try again, with a motion ``ASIDE`` before the lift.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.

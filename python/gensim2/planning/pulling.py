@@ -13,13 +13,11 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: If the cosine of the angle between the pads' closing direction and the joint's motion exceeds this value, a pad pulls
-#: by normal force rather than by friction.
+#: Cosine between closing direction and joint motion above which a pad pulls by normal force.
 PADS_PULL = 0.7
 
-#: Number of points that are sampled on the surface of the moving link, and number of hand poses that are tried. Both
-#: numbers must be large, so that the search finds grasps of small parts such as the knob of a drawer: only few of the
-#: points lie on the knob, and many other grasps rank higher than grasps of the knob.
+#: Number of surface points and of hand poses to try; large, because few points lie on small parts such as a knob, and
+#: many grasps rank higher.
 SAMPLES, TRIALS = 2048, 400_000
 
 

@@ -10,12 +10,10 @@ import gensim2_kpam as kpam
 #: Clearances (m) between hand and target, tried in this order; the first exceeds the drives' tracking error.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Statuses of failed plans that are planned again with shifted actuation poses, because the first actuation poses may
-#: have been unusable.
+#: Statuses of plans to repeat with shifted actuation poses, because the first may be unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: A partial motion completes only a fraction of the motion after the actuation pose. A partial motion counts as longer
-#: than another one if this fraction is larger by more than this value.
+#: Difference of completed fractions above which a partial motion counts as longer than another.
 LONGER = 0.01
 
 

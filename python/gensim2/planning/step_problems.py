@@ -22,13 +22,11 @@ Array = npt.NDArray[np.float64]
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: Solver options for motions that will be executed. The planner keeps the collision margin where possible, but may
-#: reduce the margin to zero. The depth of a contact is not limited, because a hand that presses on a body is commanded
-#: to a position inside the body; the plan reports the depth. A motion may also start in contact with a body.
+#: Solver options of executed motions: the margin may shrink to zero; contacts may be deep, because a pressing hand is
+#: commanded into the body (the plan reports it); and a motion may start in contact.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
-#: Maximum joint velocity at the start of a motion, as a fraction of the velocity limits. The solver refuses motions
-#: that start with a slightly higher velocity.
+#: Maximum start velocity as a fraction of the limits, slightly below the solver's.
 MAX_START_VALUES = 0.45
 
 

@@ -188,8 +188,7 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand until the release. It starts to move at the grasp, or at the start of
-            # the plan if the hand already holds the object.
+            # A grasped object moves with the hand, from the grasp or the plan's start, until the release.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -254,8 +253,7 @@ class StepPlanner:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # Leave out the clearance None, which permits contact before the actuation pose. A pull strategy must not touch
-        # the object before the grasp.
+        # Without the clearance None: a pull strategy must not touch the object before the grasp.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
@@ -327,8 +325,7 @@ def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Gra
         yield grasp, swapped, aside
 
 
-#: Safety margin, as a fraction of the full length of a motion. The last motion of a shortened config stops earlier by
-#: this margin than the last motion of the partial plan.
+#: Fraction of the full length by which a shortened motion ends before the partial one.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
@@ -413,8 +410,7 @@ class Fingers:
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Move the fingers before the arm starts, with two exceptions: the fingers already have almost the commanded
-        # position, or they only close to the opening for the approach to a grasp.
+        # Move fingers first, unless they are almost there or only close for the approach.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 

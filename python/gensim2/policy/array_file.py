@@ -93,8 +93,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ValueError(f"{member.filename} contains NaN or infinity")
         if values.dtype.kind == "U":
-            # Decode the text once, so that an invalid code point raises an error here; NumPy does not check code
-            # points.
+            # Decode once, because NumPy does not check code points.
             content.decode(f"utf-32-{sys.byteorder[0]}e")
         arrays[member.filename.removesuffix(".npy")] = values
     if len(arrays) < len(members):

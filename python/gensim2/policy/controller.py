@@ -211,9 +211,8 @@ class PolicyController:
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # The simulation loop executed steps without this controller, so the policy must predict a new chunk of
-            # actions. The present observation has no point cloud, because it was requested during the old chunk.
-            # Therefore the arm waits for one step; the next observation will have a cloud.
+            # Steps were executed without this controller, so a new chunk is due; the present observation, requested
+            # during the old one, has no cloud, so wait for the next.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:

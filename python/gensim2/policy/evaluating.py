@@ -171,8 +171,7 @@ def evaluate_policy(
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        # Check now that the checkpoint has the point clouds for this control. Otherwise the command would fail only
-        # after it has run other evaluations.
+        # Check now for the clouds of this control, which would fail only after other evaluations.
         Shuffled.of(checkpoint)
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):

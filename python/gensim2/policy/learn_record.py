@@ -171,8 +171,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
-    # Save the record before copying. If the run is killed during the copy, a resumed run copies the demonstrations
-    # again and still knows their CPU time.
+    # Save first: a resumed run copies again and still knows the CPU time.
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else OBSERVATIONS

@@ -240,8 +240,7 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # The tasks of the starting policy are evaluated, too. Read the objects that the starting policy was trained on, so
-    # that the test objects can be chosen among other objects.
+    # The starting policy's tasks are evaluated, too, on other objects than it was trained on.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

@@ -80,8 +80,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
         )
-        # The pooler is not used. All other weights must be in the file, because transformers would initialize missing
-        # weights at random.
+        # The unused pooler may be missing; transformers would initialize other missing weights at random.
         missing = [name for name in told["missing_keys"] if "pooler" not in name]
         if missing:
             raise ValueError(

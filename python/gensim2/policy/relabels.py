@@ -78,8 +78,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
-    # Read the observation spec before the first action. At this time it is the spec that the policy was trained on.
-    # While the controller executes a chunk, its spec may contain only the robot's state.
+    # Read the spec before the first action; during a chunk it may have only the robot's state.
     spec = controller.observation_spec
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)

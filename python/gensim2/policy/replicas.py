@@ -85,8 +85,7 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            # The pipe to a replica that has died is broken. Ignore this here: ``mean_with`` raises an error that states
-            # why the replica died.
+            # A dead replica's pipe is broken; ``mean_with`` says why it died.
             with contextlib.suppress(BrokenPipeError):
                 pipe.send(step)
 

@@ -184,11 +184,9 @@ def teach_by_episodes(
     config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # The record has the CPU time and the number of episodes of earlier iterations of this loop and of interrupted
-        # runs.
+        # The record counts CPU time and episodes of earlier iterations and interrupted runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # The folder may already have a data set, which was copied or comes from an interrupted run. The number of
-        # episodes must not become smaller than the number in this data set.
+        # A copied or interrupted data set may be there, whose number of episodes must not fall.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)

@@ -143,8 +143,7 @@ def train_policy(
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
-        # Other subfolders may be in use by other commands. For example, gensim2 learn stores data and evaluations
-        # there.
+        # Other subfolders may be in use, for example by gensim2 learn.
         remove_temporaries(out, subfolders=False)
         remove_temporaries(out / TRAINING)
         return _train(source, config, training, out, start, resume, device, progress)
@@ -189,8 +188,7 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        # The network computes the scale of the actions from this batch. If training adds noise to the arm's positions,
-        # the actions become larger. Therefore the noise is added to this batch, too.
+        # The scale of actions comes from this batch, so it needs the noise that enlarges them.
         if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
@@ -307,8 +305,7 @@ def take_steps(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            # Check only once in each step whether a signal has arrived. A signal that arrives while the state is saved
-            # ends the run after the next step.
+            # Check once per step; a signal during a save ends the run after the next step.
             stopping = stop()
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)

@@ -68,8 +68,7 @@ def mounted(
         if link not in _links(element):
             raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
     names = {palm}
-    # A child joint may precede its parent in the file. Repeating the loop once for each joint finds all links below the
-    # palm in any order.
+    # Children may precede parents in the file; one pass per joint finds all links in any order.
     for joint in (joints := hand.findall("joint")) * len(joints):
         if _end(joint, "parent") in names:
             names.add(_end(joint, "child"))

@@ -124,8 +124,7 @@ def _place(joint: ET.Element, pose: RigidTransform) -> None:
     origin = joint.find("origin")
     origin = ET.SubElement(joint, "origin") if origin is None else origin
     with warnings.catch_warnings():
-        # SciPy warns if several combinations of angles describe the same rotation (gimbal lock). Any of them is correct
-        # here.
+        # SciPy warns in gimbal lock, where any of the angles is correct.
         warnings.simplefilter("ignore", UserWarning)
         turn = pose.rotation.as_euler("xyz")
     origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))

@@ -223,8 +223,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
             f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}", file=where, field="robot"
         )
 
-    # Checking the profile reads the robot's files. Errors in these files, and errors in the user's function files(),
-    # become an InputError that names the field ``files``.
+    # Reading the robot's files, and the user's files(), may fail: an InputError for ``files``.
     def refused(error: BaseException) -> InputError:
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
@@ -278,8 +277,7 @@ def _from_file(file: Path, function: str) -> Maker:
             "module on all machines and name it module:function",
         )
     names = _names_in.get(file)
-    # If the file was edited after it was loaded, its list of robots is outdated. Load the file again if the list is
-    # empty or lacks the wanted function.
+    # The list of robots of a file that was edited since may be empty or lack the function.
     if not names or (function and function not in names):
         names = _loaded(file)
     found = [name for name in names if not function or name == function]

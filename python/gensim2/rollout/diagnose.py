@@ -121,9 +121,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # The step has met its criteria, but it can still be faulty. Check three faults: the controller gave up
-            # after a deviation, the grasp failed (a grasping step may have no criterion), or the criteria were met only
-            # while the hand held the object.
+            # A step that met its criteria can be faulty: the controller gave up after a deviation, a grasp failed, or
+            # criteria held only while the hand held the object.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]

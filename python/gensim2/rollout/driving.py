@@ -91,8 +91,7 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # After a delay the loop shortens the following control steps to catch up. It catches up by at most half
-                # a control step, so that the interval between two commands does not become too short.
+                # After a delay, following steps are shortened, together by half a step at most.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

@@ -64,8 +64,7 @@ class StrictMiss(StrEnum):
     NOT_LASTING = "goal undone a second later"
     MOVING = "still moving a second later"
     DISTURBED = "moved before the actuation pose"
-    # This reason occurs only in records of old versions of gensim2. In later versions the goal itself requires that the
-    # object is in the container.
+    # Only in records of old versions; later, the goal itself requires the object in the container.
     NOT_INSIDE = "not inside the container"
     OTHERS_MOVED = "another object moved"
     PRESSED_IN = "pressed into something"

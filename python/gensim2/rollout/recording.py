@@ -150,8 +150,7 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         if meant.action is not None:
             found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
     found["joint_positions"][steps] = joints[:, :size]
-    # A row of ``joints`` is NaN if the controller gave an action but no planned joint positions in this step. Such a
-    # row has no tool pose.
+    # A row of ``joints`` is NaN, without a tool pose, if no joint positions were planned.
     known = np.isfinite(joints).all(axis=1)
     if known.any():
         found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])

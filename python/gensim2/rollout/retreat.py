@@ -84,8 +84,7 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    # The planner finds no motion to the rest pose if, for example, an open door is in the way. Then the hand only moves
-    # away from the objects.
+    # Without a motion to the rest pose, for example at an open door, only move away from the objects.
     elif not rows:
         rows = _straight_out(solver, q, profile)
     if not rows:

@@ -95,8 +95,7 @@ def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[S
         own.setdefault(turn.step.name, []).append(turn)
     records = history or [StepRecord(name, [], False, False) for name in own]
     return [
-        # A step that began and ended within a single action has no interval of measurements, so its record is not
-        # changed.
+        # A step within a single action has no interval of measurements.
         replace(record, paper=any(t.paper for t in own[record.name]), done=own[record.name][-1].done)
         if record.name in own
         else record

@@ -58,8 +58,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
     T_hand_object = in_hand(profile, q, measured, plan.picks)
     if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MAX_SLIP:
-        # The object is not at its planned place between the fingers, so the hand is empty. The distance between the
-        # fingers does not show that the hand is empty, because fingers with a small force close slowly.
+        # The object is not between the fingers; their distance does not show it, because weak fingers close slowly.
         return None
     return Held(plan.picks, T_hand_object, plan.width, plan.force)
 

@@ -47,10 +47,8 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: Solver options for screening. Screening plans hundreds of candidates, and most of them fail, so the solver should try
-#: few poses and stop early.
-#: For the task CloseLaptop with real objects, these options gave the same results as the default options, and planning
-#: was 30 times faster.
+#: Solver options for screening: most of hundreds of candidates fail, so few poses are tried. On CloseLaptop with real
+#: objects results equal those of the defaults, 30 times faster.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
 #: Result of screening a candidate in one scene. It contains a score from 0 to 1, the reason if the score is below 1
@@ -118,8 +116,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # An error in one candidate must not end the search over candidates, so it becomes a score of 0. A panic in the
-        # solver's Rust code is included, although PyO3 does not derive its exception from Exception.
+        # An error, or a panic in Rust (no Exception in PyO3), in one candidate is a score of 0, not the end.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}

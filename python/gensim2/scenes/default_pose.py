@@ -50,9 +50,8 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # In some poses of the original GenSim2 the moving link overlaps the table. The original GenSim2 used SAPIEN
-            # 2, in which a force of 5 N moves such a link. In SAPIEN 3 the contact with the table blocks the joint even
-            # at 400 N. Therefore such an object is lifted until the link no longer overlaps the table.
+            # In some original poses the moving link overlaps the table, which blocks the joint at 400 N in SAPIEN 3,
+            # but not at 5 N in the original's SAPIEN 2; so the object is lifted.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness

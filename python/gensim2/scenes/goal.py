@@ -177,9 +177,8 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # The criterion accepts a displacement if the object moves at least the required distance in the required direction,
-    # and sideways by at most half the distance that it moves in this direction. The accepted positions form a wedge.
-    # The loop finds the position in the wedge that is closest to the robot's base.
+    # Accepted positions form a wedge: at least the distance in the direction, sideways at most half as far. Find its
+    # point closest to the base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

@@ -315,8 +315,7 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        # An articulated object needs no check, because its default pose and the task's placement ranges keep it away
-        # from the robot.
+        # Default poses and placement ranges keep articulated objects away from the robot.
         if isinstance(thing.model, ArticulatedObject):
             return True
         if gap_between(outlines[name], square(self._base, self._base_half)) < GAP:

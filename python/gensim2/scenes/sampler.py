@@ -82,8 +82,7 @@ class SceneSampler:
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            # Skip a seed whose objects cannot be placed, because it says nothing about the goal. A later reset with
-            # this seed reports the error.
+            # A seed without a placement says nothing about the goal; a reset with it reports the error.
             except PlacementError:
                 continue
             yield state

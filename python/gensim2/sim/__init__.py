@@ -29,8 +29,7 @@ __all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "ma
 
 __getattr__ = lazy_names(__name__)
 
-# Hide a warning that is irrelevant here. ManiSkill imports progress bars for notebooks, which warn if ipywidgets is
-# missing, but this package does not use them.
+# ManiSkill's progress bars for notebooks warn without ipywidgets, but are not used here.
 warnings.filterwarnings("ignore", message="IProgress not found")
 
 register_all()

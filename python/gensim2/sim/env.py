@@ -169,8 +169,7 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                # In the observation mode ``raycast``, this class computes the observations itself, so ManiSkill must
-                # not compute any.
+                # In the mode ``raycast`` this class computes the observations, not ManiSkill.
                 obs_mode=obs_mode if self._seen is None else "none",
                 render_mode=render_mode,
                 reward_mode=reward_mode,
@@ -232,8 +231,7 @@ class GenSim2Env(RaycastObservations):
         self._require_open()
         read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
-        # By gymnasium's convention a reset with a seed also seeds the environment's random generator. This environment
-        # does not use the generator itself.
+        # gymnasium's convention: seed the environment's generator, which is not used here.
         if seed is not None:
             self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}

@@ -49,8 +49,7 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
         InputError: the physics engine orders the joints differently from the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
-    # Only the end of each joint name is compared, because ManiSkill prefixes joint names with the names of the scene
-    # and the robot.
+    # Compare name ends, because ManiSkill prefixes names of scene and robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
             f"the profile's joints must be in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",

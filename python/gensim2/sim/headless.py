@@ -89,8 +89,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        # Cache of the seed and the initial state of the last reset without options. A reset with the same seed uses it
-        # again.
+        # Seed and initial state of the last reset without options, for a reset with the same seed.
         self._drawn: tuple[int, InitialState] | None = None
         self.seed = 0
         self.elapsed_steps = 0

@@ -150,8 +150,7 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # The damping of soft drives must not exceed the damping in the robot's profile. For example, the profile
-            # panda_long has the finger drives of the original GenSim2, whose damping is zero.
+            # Soft drives damp no more than the profile's; panda_long has the original's, without damping.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
@@ -176,8 +175,7 @@ class Physics:
         if self.switches.joint_friction == "original":
             coefficient = self._constants.joint_friction(instance.asset_class)
             return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-        # The joint friction of an object is large enough to hold the joint against gravity. Gravity grows with the
-        # object's mass, so the friction is multiplied by the factor on the mass.
+        # Friction holds the joint against gravity, which grows with the mass, so it gets the same factor.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
         return CoulombFriction(

@@ -138,8 +138,7 @@ def make_vec_env(
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
-    # gymnasium passes these arguments to the individual environments, but does not store them in the spec of the vector
-    # environment, so they are copied into the spec here.
+    # gymnasium passes these arguments on without storing them in the vector environment's spec.
     for name in ("max_episode_steps", "disable_env_checker"):
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])

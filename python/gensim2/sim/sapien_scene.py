@@ -42,8 +42,7 @@ class SapienScene:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
         self.scene = sapien.Scene([self.system])  # without this reference Python would free the scene and its contents
-        # Bodies are added in the order of the ManiSkill environment, because their order affects PhysX's contact
-        # solver.
+        # ManiSkill's order of bodies, which affects PhysX's contact solver.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)
         self.parts = {name: _build(self.scene, name, thing, how) for name, thing in setup.objects.items()}

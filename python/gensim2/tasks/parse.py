@@ -28,8 +28,7 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     former = version_1.is_version_1(data)
     try:
         check_finite(data, file)
-        # The data is validated as JSON, because pydantic's strict JSON mode converts lists to tuples but rejects a
-        # string or a bool in place of a number.
+        # Strict JSON mode converts lists to tuples, but rejects strings or bools for numbers.
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
     except TypeError as error:  # the data has Python types that JSON lacks
@@ -59,11 +58,9 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                # The rest of the location is left out: if a field allows several plain types, pydantic appends the name
-                # of a type, which is not a field in the file.
+                # For several plain types pydantic appends a type's name, which is no field in the file.
                 break
-            # This part of the location is not a field. It is the value of the field ``type``, by which pydantic selects
-            # the class.
+            # Not a field, but the value of ``type``, by which pydantic selects the class.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

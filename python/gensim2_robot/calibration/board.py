@@ -151,8 +151,7 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
     """Return X and Z of ``A_i X B_i = Z`` (Shah, 2013): rotations by one SVD, translations by least squares."""
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
-    # For rotation matrices, A X B = Z means (B^T kron A) vec(X) = vec(Z). The sum K over all n views therefore
-    # satisfies K vec(X) = n vec(Z), and vec(X) and vec(Z) are the singular vectors of K for its largest singular value.
+    # (B^T kron A) vec(X) = vec(Z), so K vec(X) = n vec(Z): singular vectors for the largest value.
     U, values, Vt = np.linalg.svd(K)
     if len(A) - values[1] < 1e-3 * len(A):
         raise InputError("the hand was not rotated about two axes between the images", field="views")
@@ -162,8 +161,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
         u, _, vt = np.linalg.svd(np.sign(np.linalg.det(M)) * M)
         rotations.append(u @ vt)
     RX, RZ = rotations
-    # The translations in A X B = Z satisfy R_A (R_X t_B + t_X) + t_A = t_Z, where R is the rotation and t the
-    # translation of each pose. The rotations are known here, so this is a linear system for t_X and t_Z.
+    # R_A (R_X t_B + t_X) + t_A = t_Z, with known rotations, is a linear system for t_X and t_Z.
     left = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A])
     right = np.concatenate([-a[:3, 3] - a[:3, :3] @ RX @ b[:3, 3] for a, b in zip(A, B, strict=True)])
     t = np.linalg.lstsq(left, right, rcond=None)[0]

@@ -324,8 +324,7 @@ def refine(
         scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
         weights = tukey(r / s, scale) / s**2
         square = J.T @ (weights[:, None] * J)
-        # Errors of neighbouring pixels are correlated, so an image says less about the depth's scale and bias than its
-        # number of pixels suggests. Priors therefore keep the scale near 1 and the bias near 0.
+        # Errors of neighbouring pixels are correlated, so priors keep the scale near 1 and the bias near 0.
         square[6, 6] += 1.0 / SCALE_SIGMA**2
         square[7, 7] += 1.0 / BIAS_SIGMA**2
         pull = J.T @ (weights * r)

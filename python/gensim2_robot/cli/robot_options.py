@@ -14,8 +14,7 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, Real(0.01, 1.0)]
 
-#: Names of the options that select a scene. Commands of ``gensim2 robot`` have these options and the options of
-#: :class:`LineOptions`, but no option ``--redraw``.
+#: Options that select a scene, beside those of :class:`LineOptions`, without ``--redraw``.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 

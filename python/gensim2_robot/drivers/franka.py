@@ -107,8 +107,7 @@ class FrankaArm(_FrankaHand):
                 self._robot.poll_motion()  # If the motion has failed, the next call of poll_motion raises the error.
             except self._franky.ControlException as error:
                 ended = error
-        # The state is read after the error was raised. The state then shows whether the arm's safety function (reflex)
-        # has stopped the arm.
+        # Read the state after the error, so that it shows a stop by the arm's safety function.
         state = self._robot.state
         stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
         return self._measured(state, ended, stopped)
@@ -170,8 +169,7 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # Between motions, a thread of the library reads the arm's state. The lock keeps ``_read`` from reading the
-        # state while ``_halt`` stops the controller.
+        # A library thread reads the state between motions; the lock keeps ``_halt`` from interfering.
         self._reading = threading.Lock()
         self.start()
 
@@ -184,8 +182,7 @@ class PandaPyArm(_FrankaHand):
                 ended = error
                 # While a controller runs, get_state only repeats the last state, so the controller is stopped first.
                 self._panda.stop_controller()
-            # The state is read after the controller was stopped. The state then shows whether the arm's safety function
-            # (reflex) has stopped the arm.
+            # Read the state after the stop, so that it shows a stop by the arm's safety function.
             state = self._panda.get_state()
         stopped = state.robot_mode in self._stopped
         return self._measured(state, ended, stopped)
@@ -193,8 +190,7 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # Refuse the command: otherwise the library would recover the arm automatically, but only a person may
-                # recover it.
+                # Refuse: the library would recover the arm by itself, which only a person may.
                 raise DriverError("the arm's own safety function has stopped the arm; a person must recover the arm")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # the controller starts from the arm's current position

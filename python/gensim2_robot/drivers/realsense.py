@@ -208,11 +208,9 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # The offset converts the time stamps of images to the control loop's monotonic clock. The offset of a real
-        # device is known, because the device reports system times. The time stamps of a recording lie in the past, so
-        # the offset is estimated: every image gives an estimate, which is too large by the delay of the image. The
-        # smallest estimate is used, because it belongs to the image with the smallest delay. Several images are needed,
-        # because the first images are late on a busy machine.
+        # The offset converts time stamps to the monotonic clock. Devices report system times. Recordings lie in the
+        # past, so it is estimated: each image gives an estimate too large by its delay, and the smallest is used, of
+        # several images, because the first are late on a busy machine.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:

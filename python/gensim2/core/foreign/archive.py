@@ -18,8 +18,7 @@ MAX_ARCHIVE = 256 * 2**20  # maximum size of the file, bytes
 MAX_ENTRIES = 100_000
 _ENTRY = b"PK\x01\x02"  # signature of a directory entry
 
-#: Exceptions of ``zipfile`` for damaged archives. NotImplementedError is raised for an unknown compression method,
-#: RuntimeError for an archive with a password.
+#: Exceptions of ``zipfile`` for damaged archives; NotImplementedError: compression, RuntimeError: password.
 DAMAGED = (
     OSError,
     EOFError,

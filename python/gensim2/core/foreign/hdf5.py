@@ -16,8 +16,7 @@ import numpy.typing as npt
 MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
 MAX_MEMBERS = 10_000  # maximum number of members of a group; only ManiSkill's trajectory files may have more
 
-#: Allowed filters: deflate, shuffle, fletcher32 and lzf. These are the filters that h5py can write. For any other
-#: filter, HDF5 would load a plug-in, which is foreign code.
+#: Filters that h5py can write: deflate, shuffle, fletcher32, lzf. For others HDF5 would load a plug-in.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]

@@ -99,8 +99,7 @@ def isolated(
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
             if kind in _LAST:
-                # Wait until the process has ended by itself. If it were killed, it would leak semaphores, and Python
-                # would print a warning.
+                # A killed process would leak semaphores, and Python would print a warning.
                 process.join(timeout=EXIT_LIMIT)
             if kind == "result":
                 result: Result = told[0]

@@ -16,8 +16,7 @@ MAX_FILES = 1_000_000  # maximum number of files in an export; 10,000 episodes w
 MAX_DEPTH = 12  # maximum number of levels of nested folders; exports of gensim2 have 5
 MAX_FILE_BYTES = 64 * 2**30  # maximum size of a file, bytes; ManiSkill stores all episodes of a task in one file
 MAX_RECORD = 512 * 2**20  # maximum size of one JSON file, bytes
-# Maximum size of a file that is copied with a folder of demonstrations, bytes. The code that reads demonstrations has
-# the same limit.
+# Maximum size of a file copied with demonstrations, bytes, which their reader limits as well.
 MAX_COPIED = 2**30
 
 _KINDS = {

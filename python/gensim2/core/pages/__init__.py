@@ -38,8 +38,7 @@ def _visible(value: Any) -> Any:
     """Convert a value to safe text: escaped control characters; yes, no and none for True, False and None."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
-    # A value of type Markup comes from a template macro. The macro has already replaced the control characters, so this
-    # function leaves the value unchanged.
+    # A template macro has already replaced the control characters in values of type Markup.
     return printable(value) if type(value) is str else value
 
 

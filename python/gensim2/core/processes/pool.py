@@ -173,8 +173,7 @@ def start_process(
             ours.close()
             raise
         finally:
-            # Close the worker's end of the connection in this process, so that the connection ends when the worker
-            # dies.
+            # Close the worker's end here, so that the connection ends when the worker dies.
             theirs.close()
     raise AssertionError("this line is unreachable, because the last attempt returns or raises")
 

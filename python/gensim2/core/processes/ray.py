@@ -300,8 +300,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     **where, logging_level=logging.ERROR, log_to_driver=False, runtime_env={"env_vars": _environment()}
                 )
                 return
-            # Ray also raises plain ``Exception``, for example if the local node takes more than 15 s to start (Ray's
-            # issue 65983).
+            # Ray also raises plain ``Exception``, for example after 15 s without a local node (its issue 65983).
             except Exception as error:
                 ray.shutdown()
                 if address != "local" or number == TRIES - 1:

@@ -127,8 +127,7 @@ class Client:
                     raise self._in_words(error) from error
                 self._without.add(name)
             except self._openai.InternalServerError as error:
-                # Some servers report an internal error if a request contains a JSON schema. The question is therefore
-                # sent once more without the schema.
+                # Some servers report an internal error for a JSON schema, so ask once more without it.
                 if failed is not None or self._schema_works or "response_format" not in request:
                     raise failed or self._in_words(error) from error
                 failed = self._in_words(error)
@@ -189,8 +188,7 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            # If the error names the model, the address is right and only the model is missing. Any other 404 error may
-            # come from a wrong address, so the remedy in the message mentions both.
+            # If the error names the model, the address is right; else the remedy mentions both.
             known = given.model in said
             remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)

@@ -33,8 +33,7 @@ OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: Placeholder motion for checking constraints alone. It is added to the constraints, because the parser refuses a
-#: solver config without a motion.
+#: Placeholder motion for checking constraints, because the parser refuses configs without one.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 

@@ -264,8 +264,7 @@ class LLMDesigner:
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
         """Ask the model for code of ``task`` and return the code's task, whose placements may differ."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # A run can hide all stored tasks from the model. In this case, show the example tasks of the prompts, which are
-        # never hidden.
+        # If all stored tasks are hidden, show the prompts' example tasks, which never are.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]

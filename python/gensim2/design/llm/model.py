@@ -79,8 +79,7 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        # If the budget of an earlier call was spent before this question, the record has the field ``spent`` and no
-        # answer. In this case, ask the question now, because the budget of this call may be higher.
+        # Ask a question that an earlier call left out for its budget (``spent``): this call's may be higher.
         if known is not None and known.spent is None:
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)

@@ -22,8 +22,7 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: When the model is asked for better solver configs, the prompt shows earlier configs: up to ``SHOWN_BEST`` of the best
-#: configs, and up to ``SHOWN_NEW`` of the other configs, the newest first.
+#: Prompts show up to ``SHOWN_BEST`` of the best configs and up to ``SHOWN_NEW`` others, newest first.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"

@@ -29,12 +29,10 @@ CRITERIA = (
 #: Position (x, y) in metres of a rigid object to pick up; it lies beside the robot, where no opening door can reach.
 BESIDE = (-0.2, -0.45)
 
-#: The time limit of a task is a number of control cycles. Each step of a long task adds this number of cycles to the
-#: limit.
+#: Time limit of a task, control cycles; each step of a long task adds this number.
 STEPS_A_STEP = 300
 
-#: Mean openness of a container at the start of a task. The value is used if the task never opens the container, or if
-#: it closes the container before it opens it.
+#: Mean openness at the start of a container that is never opened, or closed before it is opened.
 STANDS_OPEN = 0.95
 
 
@@ -104,8 +102,7 @@ def long_task(
     if rigid is not None and other is not None:
         objects[other] = ObjectSpec(asset_class=rigid.asset_class, place=Place(at=BESIDE))
     asked = [criterion(kind, role, other) for kind in goal]
-    # A model often names only the final place of an object as the goal, and forgets the joint that the last step moves,
-    # such as a drawer to be closed. The joint criteria of the last step are therefore added to the goal.
+    # A model often names only an object's place as the goal and forgets the last step's joint, so add its criteria.
     lasting = [c for c in steps[-1].done if isinstance(c, JOINT)]
     return TaskSpec(
         name=name,

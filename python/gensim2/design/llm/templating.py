@@ -115,8 +115,7 @@ def known_task(task: TaskSpec) -> str:
     return f"{task.name}: {task.description} ({classes}; {goal})"
 
 
-#: The instances of a class have hinge axes in similar directions if the mean of the axes (unit vectors) is at least
-#: this long. Opposite axes have a shorter mean.
+#: Hinge axes of a class are similar if the mean of the unit axes is at least this long.
 SAME_WAY = 0.9
 
 SUFFIX = ".md.j2"

@@ -63,8 +63,7 @@ SPOKEN = {
 }
 #: Maximum absolute value of an integer.
 LARGEST = 2**63
-#: If a program is nested too deeply, Python's parser may report no line number. The error message for the model then
-#: names the longest line of the program, provided that this line has more characters than ``LONG_LINE``.
+#: If the parser gives no line for deep nesting, the message names the longest line above ``LONG_LINE`` characters.
 LONG_LINE = 200
 NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")

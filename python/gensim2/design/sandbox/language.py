@@ -18,8 +18,7 @@ from gensim2.tasks.spec import HAND
 METHODS = ("step", "goal")
 #: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
-#: Maximum number of values and characters in a task. Without this limit, a short program could build a task of
-#: exponential size from nested lists, each of which contains the next list several times.
+#: Maximum number of values and characters: nested lists could repeat others to exponential size.
 MAX_SIZE = 100_000
 #: Maximum nesting of values.
 MAX_DEPTH = 50

@@ -16,9 +16,7 @@ from gensim2.objects.types import Keypoint
 
 LICENSE = "Apache-2.0"
 
-# Pose of the model frame relative to the object's root frame. In the model frame, y points up and z points to the
-# front. In the root frame, z points up and the front faces -x. The two frames are related in the same way in
-# PartNet-Mobility models.
+# Pose of the model frame (y up, z front) in the root frame (z up, front -x), as in PartNet-Mobility.
 T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 

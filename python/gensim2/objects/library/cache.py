@@ -48,8 +48,7 @@ DAMAGE = (
 )
 
 
-# Modules whose code affects every prepared object. An object's cache key contains the digests of these modules. It also
-# contains the digests of the modules that read or generate this object.
+# Modules that affect every prepared object; keys also have digests of the object's own readers.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",

@@ -72,8 +72,7 @@ def existing_folder(where: Path | str, field: str | None = None, remedy: str | N
         folder = Path(where).expanduser()
         if str(where) and folder.is_dir():
             return folder
-    # Python raises these errors if the path is too long, contains a NUL character, or begins with ``~`` and an unknown
-    # user name.
+    # Raised for too long paths, NUL characters, and ``~`` with an unknown user.
     except (OSError, RuntimeError, ValueError):
         folder = Path(shortened(str(where)))
     raise AssetError("no such folder", file=folder if str(where) else '""', field=field, remedy=remedy)

@@ -163,9 +163,8 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-# Old files use the names of colours as keypoint names, so a name does not show which keypoint is the contact point. In
-# such a file, the keypoint that is nearest to the moving link is used as the contact point, provided that its distance
-# from the link is at most ``NEAR`` (m).
+# Old files name keypoints by colours; the contact point is then the one nearest to the moving link, at most ``NEAR``
+# (m) from it.
 NEAR = 0.03
 HEAD = "articulated_object_head"
 

@@ -53,8 +53,7 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-# Maximum absolute value of coordinates (m) and joint values (m or rad). Larger values are mistakes. They would also
-# exhaust the memory, because the decomposition into convex parts uses grids that cover the object.
+# Maximum coordinate (m) or joint value (m, rad); larger ones are mistakes and would exhaust the memory.
 FARTHEST = 10.0
 SOLID_CORNERS = 4  # a collision file with fewer vertices than this has no volume
 HULL_MODULES = (

@@ -114,9 +114,8 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # The mass of the real object can be used only if the object's size relative to the real object is known. If the
-        # scale lies outside the range ``NATURAL``, the unit of the file is not the metre, so this relative size is
-        # unknown.
+        # The real mass needs the relative size; if the scale is outside ``NATURAL``, the file's unit is not the metre
+        # and this is unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(

@@ -41,11 +41,9 @@ from gensim2.objects.types import (
 FILE = "rigid.json"
 #: An object that tips over at a smaller tilt than this (rad) is laid on its side instead of standing upright.
 STEADY = np.radians(10)
-#: An object counts as upright up to this tilt (rad). The base of a scanned object is uneven, so the object never stands
-#: exactly upright.
+#: An object counts as upright up to this tilt (rad), because a scanned base is uneven.
 LEAN = np.radians(5)
-#: Vertices up to this height (m) above the lowest vertex belong to the object's foot, the surface on which the object
-#: stands. The limit is not 0, because the foot of a scanned object is uneven.
+#: Height (m) above the lowest vertex up to which vertices belong to the (uneven) foot.
 FOOT = 2e-3
 #: Parts thinner than this (m) are too thin to grasp.
 THINNEST_GRIP = 1.5e-3
@@ -91,8 +89,7 @@ def resting_sides(points: Array, center: Array) -> Array:
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
-    # Triangle ``t`` and the triangle with the index ``across[t, k]`` share the edge that lies opposite to corner ``k``
-    # of triangle ``t``.
+    # Triangles ``t`` and ``across[t, k]`` share the edge opposite to corner ``k`` of ``t``.
     across = np.zeros(shell.faces.shape, dtype=int)
     for column, alone in enumerate(shell.face_adjacency_unshared.T):
         here, beyond = shell.face_adjacency[:, column], shell.face_adjacency[:, 1 - column]

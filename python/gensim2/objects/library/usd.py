@@ -286,8 +286,7 @@ class _Converter:
         anchors = [str(each.GetPath()) for each, body in zip(targets, (one, other), strict=True) if body == STATIC]
         kind, axis, limits = self._motion(prim)
         if kind == "fixed" and "/" in anchors:
-            # this joint only fixes the object's root link in the world, and gensim2 fixes the root link of every object
-            # anyway
+            # this joint only fixes the root link in the world, where gensim2 fixes it anyway
             return None
         self._anchors |= set(anchors) - {"/"}
         frames = (

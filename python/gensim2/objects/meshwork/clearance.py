@@ -30,8 +30,7 @@ from gensim2.objects.shapes import pose, transform
 Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
-# Number of joint values at which overlapping parts of hulls are cut off. The later check of the finished object for
-# overlaps uses every second of these values.
+# Number of joint values for cutting overlaps; the later check uses every second one.
 POSES = 9
 FINE = 0.0012  # m, cell size of the grid that tests which points around a link are not occupied by the link
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
@@ -39,11 +38,9 @@ RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
 # m. Limit for a cut: no part of the removed mesh surface may lie farther than this beyond the cutting plane.
 LOSS = 0.0012
 NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
-# m. If every cut would remove mesh surface that lies farther than this beyond the cutting plane, the meshes themselves
-# overlap. Nothing is then cut.
+# m. If every cut would remove surface farther beyond the plane, the meshes overlap, and nothing is cut.
 HOPELESS = 0.004
-# m. A cut may remove mesh surface from one hull if the surface also lies at least this deep inside another hull of the
-# same link.
+# m. A cut may remove surface that is at least this deep inside another hull of the link.
 COVERED = 0.0002
 PROGRESS = 0.0003  # m, depth of overlap that a cut must remove
 ROUNDS = 3
@@ -291,8 +288,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # A loss is the depth of mesh surface that a plane cuts off. The first half of ``losses`` belongs to the normals in
-    # ``table``, and the second half to the opposite normals.
+    # ``losses``: depths of cut-off surface, first for the normals in ``table``, then for their opposites.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())
@@ -312,8 +308,7 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
     """Return the unit normal (3,) of the widest gap between ``own`` and ``intruders``; None without a gap."""
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
-    # Find the plane n·x = d with the largest margin m: n·p - d >= m for the points p of ``outer``, and n·s - d <= -m
-    # for the points s of ``inner``. Each component of n is limited to -1..1.
+    # Plane n·x = d, |n| components <= 1, with the largest m: n·p - d >= m on ``outer``, n·s - d <= -m on ``inner``.
     rows = [
         np.column_stack([-outer, np.ones(len(outer)), np.ones(len(outer))]),
         np.column_stack([inner, -np.ones(len(inner)), np.ones(len(inner))]),

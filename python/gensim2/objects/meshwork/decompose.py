@@ -37,9 +37,8 @@ PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-# A mesh piece with more patches than this is first simplified: vertices that are closer together than one cell of the
-# link's ``VoidSpace`` are merged. If too many patches remain, vertices closer than two cells are merged, and finally
-# vertices closer than three cells.
+# A mesh piece with more patches is simplified: vertices closer than one cell of the ``VoidSpace`` are merged, then two,
+# then three.
 MANY_PATCHES = 100
 
 

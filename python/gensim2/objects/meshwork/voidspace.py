@@ -31,9 +31,8 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-# Penalty (m³) for each point inside a hull through which the object's other link moves. The penalties are added to the
-# volume of free space that the hull fills. A single penalty is larger than ``FREE_VOLUME`` (m³), so it makes the hull
-# unacceptable.
+# Penalty (m³) for each point of the other link's way in a hull, added to the filled free space; one exceeds
+# ``FREE_VOLUME`` (m³), so the hull is unacceptable.
 NEEDED_VOLUME = 1.1e-6
 # m. A point through which the other link moves is penalized only if it lies deeper than this in a hull.
 NEEDED_DEPTH = 0.0008
@@ -200,8 +199,7 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-# Points closer to a mesh than this distance (m) count as part of the mesh. The convex parts of a thin sheet extend up
-# to this far beyond the mesh, because they are thickened.
+# Points closer to a mesh (m) belong to it, because thin sheets are thickened by this much.
 SKIN = 0.0032
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 

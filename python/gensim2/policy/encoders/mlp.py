@@ -92,6 +92,5 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the pooled token (B, 1, 192) and the features (B, N, 192)."""
         features = self.layers(points)
-        # Use ``max``, which passes the gradient to one point. ``amax`` would divide the gradient among all points that
-        # attain the maximum.
+        # ``max`` passes the gradient to one point; ``amax`` would divide it among equal ones.
         return features.max(1, keepdim=True).values, features

@@ -215,8 +215,7 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # Loop over the seeds first and over the policies second, so that a long experiment soon has a first result of
-        # every policy.
+        # Seeds outside, policies inside: a long experiment soon has a first result of each policy.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -273,8 +272,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        # Check before training that the objects of each evaluation exist. A check of the first training run is enough:
-        # the other runs divide the objects differently, but use the same classes.
+        # Check the evaluation's objects before training; other runs use the same classes.
         for one in _measurements(arm, record, 0):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
@@ -447,8 +445,7 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    # Pass the name of the text encoder's weights to the controller. Without this name, the controller loads only the
-    # default weights of the encoder.
+    # The controller loads only default text weights unless it is given their name.
     if config.text_model is not None:
         embedded["text_model"] = config.text_model
     if config.untaught:

@@ -93,14 +93,12 @@ class PolicyServer:
             from websockets.sync.server import ServerConnection, serve
         except ImportError as error:
             raise MissingExtraError("websockets", "remote") from error
-        # Encode an empty message, so that a missing msgpack raises MissingExtraError now and not when a client
-        # connects.
+        # Encode an empty message, so that a missing msgpack is reported now.
         encode({})
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
-        # Read the observation spec before the first episode. During an episode, a controller that needs no cloud for
-        # its next action may ask only for the robot's state.
+        # Read the spec before the episode, in which a controller may ask only for the robot's state.
         self._observation = spec_of(self._controller).to_dict()
         self._is_warm = False
         self._busy = threading.Lock()
@@ -132,8 +130,7 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        # Let Python switch between threads often. Threads that serve untrusted clients then hold the interpreter's lock
-        # only for a short time, and hardly delay the controller's thread.
+        # Switch threads often, so that threads of untrusted clients hardly delay the controller's.
         sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             self._server.serve_forever()
@@ -252,8 +249,7 @@ class PolicyServer:
                 if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
                     if not self._is_warm:
-                        # The first action of a network takes longest. Compute it during the reset, where no deadline
-                        # applies.
+                        # A network's first action takes longest; compute it in the reset, without a deadline.
                         self._controller.act(observation)
                         self._is_warm = True
                         self._controller.reset(observation, request.seed)

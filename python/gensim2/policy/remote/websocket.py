@@ -54,8 +54,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        # The websockets library may read from a connection that it has just closed. This exception is harmless and is
-        # not logged.
+        # The library may read from a connection that it has just closed; this is harmless.
         if isinstance(error, EOFError):
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))

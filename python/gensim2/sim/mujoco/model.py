@@ -107,8 +107,7 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        # The stored inertias of the Fetch's fingers violate the triangle inequality, and MuJoCo rejects such a model.
-        # With this option, MuJoCo adjusts the inertias instead.
+        # MuJoCo rejects the Fetch's finger inertias (triangle inequality), unless it may adjust them.
         spec.compiler.balanceinertia = True
         self._shapes: list[Shape] = []
         self._meshes = 0
@@ -266,8 +265,7 @@ class _Builder:
             name2=leader,
             solref=SOLREF,
         )
-        # The constraint is: position of the joint ``follower`` = offset + multiplier * position of the joint
-        # ``leader``. The offset is 0 and the multiplier is 1.
+        # Position of ``follower`` = 0 + 1 * position of ``leader``.
         equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
@@ -286,15 +284,13 @@ class _Builder:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            # Links of the same object never collide with each other. For the robot, the SRDF file lists the pairs of
-            # links that must not collide.
+            # Links of one object never collide; for the robot, the SRDF excludes pairs.
             if one.owner != self._profile.agent:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # Contacts between the table and a sliding link, such as a drawer, are left out, because a drawer slides on its
-        # rail and not on the table. With contacts the drawer would also jam: MuJoCo's friction model lifts a drawer
-        # that is pushed along the table.
+        # No contacts of the table with sliding links: a drawer slides on its rail, and MuJoCo's friction would lift and
+        # jam it.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

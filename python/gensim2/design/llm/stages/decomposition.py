@@ -150,8 +150,7 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            # This sub-task moves the hand to the object, and the next sub-task grasps the object. The grasp becomes a
-            # step with the same success criterion as this sub-task, so this sub-task needs no step of its own.
+            # The next sub-task's grasp becomes a step with this sub-task's criterion, so none is needed here.
             self.reached = criterion(kind, self.role, self.other)
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role

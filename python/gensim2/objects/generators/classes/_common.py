@@ -13,8 +13,7 @@ from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, po
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# A fully metallic material (metallic value 1) looks dark grey in renderers without an environment map, so metals here
-# have a metallic value of 1/3.
+# A metallic value of 1 is dark grey in renderers without an environment map, so metals have 1/3.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)

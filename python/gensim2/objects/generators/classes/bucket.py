@@ -85,8 +85,7 @@ def pail(rng: np.random.Generator) -> Bucket:
         y = bottom + full * height
         inner = radius(y) - 1.5 * wall
         body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
-    # When the handle swings, its wire must not touch the rim above the hinges, and its grip must not touch the wall
-    # below the hinges.
+    # As the handle swings, neither wire nor grip may touch the bucket's rim or wall.
     half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
     hinge = np.array([0.0, top - deep, 0.0])
     for side in (-1, 1):

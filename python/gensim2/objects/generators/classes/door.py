@@ -68,8 +68,7 @@ def in_a_wall(rng: np.random.Generator) -> Blueprint:
         for s, side in zip((-1, 1), sides, strict=True)
     ]
     body.append(box((0, top + above / 2, 0), (width, above, deep), wall))
-    # The door opens backwards. Its hinge is at the back of the door leaf, so the wall never blocks the leaf, no matter
-    # how deep in the wall the leaf is set.
+    # The hinge is at the back of the leaf, which opens backwards, so the wall never blocks it.
     back = -deep / 2 + (inset if rng.random() < 0.5 else 0.0)
     z, span, tall = back + leaf / 2, width - 2 * GAP, height - 2 * GAP
     shape = [box((0, 0, z), (span, tall, leaf), look)]

@@ -73,11 +73,9 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
     front_look = wood if rng.random() < 0.6 else c.pick(rng, c.WOODS + c.PAINTS)
     handles = int(rng.bit_generator.random_raw())
 
-    # ``floor`` is the height (y) of the lower face of the carcass, and ``under`` the height of the lower face of the
-    # top board.
+    # Heights (y): ``floor`` of the carcass's lower face, ``under`` of the top board's.
     floor, under = -rise / 2 + foot, rise / 2 - top
-    # ``y`` is the height of the middle of the drawer bays, and ``shelf`` the height of the middle of the board below
-    # the bays.
+    # Heights: ``y`` of the drawer bays' middle, ``shelf`` of the middle of the board below.
     y, shelf = under - row / 2, under - row - WALL / 2
     body: list[Solid] = [box((0, rise / 2 - top / 2, 0), (width + 2 * over, top, depth + 2 * over), wood)]
     for side in (-1, 1):

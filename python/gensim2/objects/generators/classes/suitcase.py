@@ -62,8 +62,7 @@ def draw(rng: np.random.Generator) -> Suitcase:
 def move(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
     pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
-    # The suitcase lies on its back with its top towards the robot. The direction away from the robot is therefore -y in
-    # the model frame.
+    # The suitcase lies on its back, top towards the robot, so away from the robot is -y of the model.
     return replace(pushed, joint_axis=(0, -1, 0))
 
 
