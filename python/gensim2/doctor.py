@@ -82,11 +82,7 @@ class DoctorReport:
         return all(check.status != "missing" for check in self.checks)
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "schema_version": 1,
-            "healthy": self.healthy,
-            "checks": [asdict(check) for check in self.checks],
-        }
+        return {"schema_version": 1, "healthy": self.healthy, "checks": [asdict(check) for check in self.checks]}
 
 
 def doctor(

@@ -179,10 +179,7 @@ class ArmLimits:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
         if (lower >= upper).any():
-            raise InputError(
-                "must be smaller, because with this margin a joint of the arm cannot move",
-                field="margin",
-            )
+            raise InputError("must be smaller, because with this margin a joint of the arm cannot move", field="margin")
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
             raise InputError(

@@ -25,11 +25,7 @@ def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
     acceleration = np.diff(velocity, axis=0) / CYCLE
     jerk = np.diff(acceleration, axis=0) / CYCLE
     passed = (q < limits.lower - SHARE).any(axis=1) | (q > limits.upper + SHARE).any(axis=1)
-    for rates, most in (
-        (velocity[2:], limits.velocity),
-        (acceleration[1:], limits.acceleration),
-        (jerk, limits.jerk),
-    ):
+    for rates, most in ((velocity[2:], limits.velocity), (acceleration[1:], limits.acceleration), (jerk, limits.jerk)):
         passed |= (np.abs(rates) > (1.0 + SHARE) * most + 1e-9).any(axis=1)
     passed |= _too_near_an_end(q, velocity[2:], limits)
     tool = np.concatenate([_tool(q[first : first + BLOCK], limits) for first in range(0, len(q), BLOCK)])

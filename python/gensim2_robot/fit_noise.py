@@ -180,10 +180,7 @@ class _Part:
         variance = float(np.nanmean(error[:, which] ** 2)) - white
         found = []
         for lag in (1, 2):
-            products = [
-                error[:, :, lag:] * error[:, :, :-lag],
-                error[:, lag:, :] * error[:, :-lag, :],
-            ]
+            products = [error[:, :, lag:] * error[:, :, :-lag], error[:, lag:, :] * error[:, :-lag, :]]
             covariance = float(np.mean([np.nanmean(each) for each in products]))
             share = covariance / max(variance, 1e-12)
             if 0.02 < share < 0.995:

@@ -189,13 +189,7 @@ class Log:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        about: About,
-        *,
-        max_bytes: int = MAX_BYTES,
-        segment: int = SEGMENT,
-        opener: Opener = _open,
+        self, folder: Path, about: About, *, max_bytes: int = MAX_BYTES, segment: int = SEGMENT, opener: Opener = _open
     ) -> None:
         from mcap.writer import CompressionType, Writer
 
@@ -227,12 +221,7 @@ class Log:
         self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
 
     def frame(self, frame: CameraFrame) -> None:
-        plain = {
-            "camera": frame.camera,
-            "number": frame.number,
-            "captured": frame.captured,
-            "serial": frame.serial,
-        }
+        plain = {"camera": frame.camera, "number": frame.number, "captured": frame.captured, "serial": frame.serial}
         self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:

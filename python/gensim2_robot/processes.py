@@ -31,11 +31,7 @@ from gensim2_robot.devices import ArmState
 from gensim2_robot.mind import Begin, ControllerAnswer, MindSpec, Question, think
 from gensim2_robot.pipes import DeviceGoneError, MessagePipe, PictureSlots, Room, SharedPicture
 
-PRELOAD = (
-    "gensim2_robot.real",
-    "gensim2_robot.simulated",
-    "gensim2.sim.sapien_scene",
-)
+PRELOAD = ("gensim2_robot.real", "gensim2_robot.simulated", "gensim2.sim.sapien_scene")
 SLIP = 0.2
 """Maximum delay (s) of the simulated time behind the clock that is caught up; a larger delay is skipped."""
 

@@ -68,11 +68,7 @@ _ASKING = ("mode", "trials", "max_rounds", "visual", "code")
 
 
 def designer_of_command(
-    designer: str | None,
-    target_task: str | None,
-    target_object: str | None,
-    scene: SceneOptions,
-    asked: dict[str, Any],
+    designer: str | None, target_task: str | None, target_object: str | None, scene: SceneOptions, asked: dict[str, Any]
 ) -> tuple[Designer, str | None]:
     """Return the designer that the options select, and the name of the library task to redesign.
 

@@ -228,16 +228,7 @@ def show(
     """
     from gensim2.perception.estimation.episodes import show as function
 
-    return function(
-        what,
-        estimator,
-        out=out,
-        task=task,
-        episode=episode,
-        instants=instants,
-        noisy=noisy,
-        **given,
-    )
+    return function(what, estimator, out=out, task=task, episode=episode, instants=instants, noisy=noisy, **given)
 
 
 perceive = click.Group(

@@ -76,12 +76,7 @@ class InputError(GenSim2Error):
     """
 
     def __init__(
-        self,
-        message: str,
-        *,
-        file: Path | str | None = None,
-        field: str | None = None,
-        remedy: str | None = None,
+        self, message: str, *, file: Path | str | None = None, field: str | None = None, remedy: str | None = None
     ) -> None:
         self.message, self.file, self.field, self.remedy = message, file, field, remedy
         where = ": ".join(str(part) for part in (file, field) if part is not None)

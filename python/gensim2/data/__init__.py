@@ -14,14 +14,6 @@ if TYPE_CHECKING:
     from gensim2.data.rendering import render
     from gensim2.data.store import TaskStore
 
-__all__ = [
-    "DataSet",
-    "DatasetRecord",
-    "ObservedEpisode",
-    "TaskStore",
-    "collect",
-    "read_observation",
-    "render",
-]
+__all__ = ["DataSet", "DatasetRecord", "ObservedEpisode", "TaskStore", "collect", "read_observation", "render"]
 
 __getattr__ = lazy_names(__name__)

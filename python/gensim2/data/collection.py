@@ -124,11 +124,7 @@ def collect(
     ) as folder:
         queue = Queue(folder, given, listener)
         with EpisodeRunner(
-            given[0].scene.options,
-            execution,
-            listener,
-            rollout=given[0].rollout,
-            log=folder.path / ERRORS_LOG,
+            given[0].scene.options, execution, listener, rollout=given[0].rollout, log=folder.path / ERRORS_LOG
         ) as evaluator:
             status = queue.run(evaluator)
             return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)

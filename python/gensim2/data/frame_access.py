@@ -85,12 +85,7 @@ class FrameAccess:
     """
 
     def __init__(
-        self,
-        stores: Sequence[TaskStore],
-        robot_name: str,
-        *,
-        observations: bool | None = None,
-        horizon: int = 1,
+        self, stores: Sequence[TaskStore], robot_name: str, *, observations: bool | None = None, horizon: int = 1
     ) -> None:
         if horizon < 1:
             raise InputError("must be at least 1", field="horizon")
@@ -187,10 +182,7 @@ class FrameAccess:
         if self._horizon == 1:
             return {"action": meant[frame]}
         rows = np.arange(frame, frame + self._horizon)
-        return {
-            "action": meant[np.minimum(rows, recording.steps - 1)],
-            "action_is_pad": rows >= recording.steps,
-        }
+        return {"action": meant[np.minimum(rows, recording.steps - 1)], "action_is_pad": rows >= recording.steps}
 
     def _recording(self, number: int) -> Recording:
         if os.getpid() != self._process:  # this is a forked worker, which must open HDF5 files again

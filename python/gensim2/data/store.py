@@ -9,13 +9,7 @@ from pathlib import Path
 from gensim2.core.errors import InputError, brief
 from gensim2.core.files import replacing
 from gensim2.core.foreign.tree import ForeignTree
-from gensim2.data.episode_file import (
-    DamagedEpisodeError,
-    episode_digest,
-    read_episode,
-    read_row,
-    write_episode,
-)
+from gensim2.data.episode_file import DamagedEpisodeError, episode_digest, read_episode, read_row, write_episode
 from gensim2.data.recorded import check_recording
 from gensim2.rollout.episode_log import episodes_in, log_line
 from gensim2.rollout.record import Episode

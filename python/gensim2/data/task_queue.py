@@ -205,11 +205,7 @@ class TaskQueue:
             yield Job(first + index, (config, self.strategies, self.seed(index), keep))
 
 
-def run_queues(
-    queues: Sequence[TaskQueue],
-    evaluator: EpisodeRunner,
-    finished: Callable[[TaskQueue], None],
-) -> None:
+def run_queues(queues: Sequence[TaskQueue], evaluator: EpisodeRunner, finished: Callable[[TaskQueue], None]) -> None:
     """Run the missing episodes of the queues, task by task, and count each finished episode.
 
     Args:

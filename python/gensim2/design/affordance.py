@@ -137,9 +137,7 @@ class Affordance:
 
     @staticmethod
     def of(
-        objects: Sequence[ArticulatedObject | RigidObject],
-        description: str = "",
-        picture: LazyPicture | None = None,
+        objects: Sequence[ArticulatedObject | RigidObject], description: str = "", picture: LazyPicture | None = None
     ) -> Affordance:
         """Summarize ``objects``, which all have the same class."""
         first = objects[0]
@@ -200,11 +198,7 @@ def _poses(instance: ArticulatedObject, openness: float, at: tuple[float, float]
 
 
 def _facts(
-    instances: Sequence[ArticulatedObject],
-    name: str,
-    moves: bool,
-    openness: float,
-    at: tuple[float, float] | None,
+    instances: Sequence[ArticulatedObject], name: str, moves: bool, openness: float, at: tuple[float, float] | None
 ) -> KeypointFacts:
     """Return the mean geometry of ``instances`` at the keypoint ``name``.
 

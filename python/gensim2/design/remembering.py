@@ -22,14 +22,7 @@ from gensim2.rollout.inputs import check_counts, read_task_input
 from gensim2.rollout.runner import EpisodeRunner
 from gensim2.rollout.tally import interval
 from gensim2.scenes.physics import Engines
-from gensim2.tasks.library import (
-    PAPER,
-    load_strategies_beside,
-    load_task_file,
-    origin_of,
-    packaged_names,
-    task_names,
-)
+from gensim2.tasks.library import PAPER, load_strategies_beside, load_task_file, origin_of, packaged_names, task_names
 from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, KnownTaskError, Memory, UnverifiedTaskError
 from gensim2.tasks.spec import Provenance, Verified
 

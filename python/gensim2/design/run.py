@@ -167,13 +167,7 @@ def run_pipeline(
             resume,
         ) as folder,
         reported(folder.path),
-        EpisodeRunner(
-            options,
-            execution,
-            progress,
-            rollout=rollout,
-            log=folder.errors_log,
-        ) as evaluator,
+        EpisodeRunner(options, execution, progress, rollout=rollout, log=folder.errors_log) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, videos)
         pipeline = PipelineRun(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)

@@ -60,11 +60,7 @@ def laid(brief: Brief) -> Iterator[Draft]:
         yield draft
 
 
-FAMILIES: dict[str, Family] = {
-    "serve": partial(served, count=1),
-    "serve two": partial(served, count=2),
-    "lay": laid,
-}
+FAMILIES: dict[str, Family] = {"serve": partial(served, count=1), "serve two": partial(served, count=2), "lay": laid}
 
 
 def place_support(draft: Draft, support: Affordance, at: tuple[float, float]) -> str:

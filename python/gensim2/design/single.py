@@ -128,13 +128,7 @@ def demo(
             resume,
         ) as folder,
         reported(folder.path),
-        EpisodeRunner(
-            given.scene.options,
-            execution,
-            progress,
-            rollout=rollout,
-            log=folder.errors_log,
-        ) as evaluator,
+        EpisodeRunner(given.scene.options, execution, progress, rollout=rollout, log=folder.errors_log) as evaluator,
     ):
         files = folder.task(spec.name)
         files.write_task(spec)

@@ -110,11 +110,7 @@ def benchmark(
 
     return tabulate(
         given,
-        {
-            **given[0].scene.options.to_record(),
-            **rollout.to_record(),
-            "instances": scene.get("instances", "all"),
-        },
+        {**given[0].scene.options.to_record(), **rollout.to_record(), "instances": scene.get("instances", "all")},
         {**identity(given), **estimators},
         worker.episode,
         arguments,

@@ -12,14 +12,6 @@ if TYPE_CHECKING:
     from gensim2.inspection.pictures import contact_sheet, strip, turntable
     from gensim2.inspection.validate import ObjectReport, check_object
 
-__all__ = [
-    "Finding",
-    "ObjectReport",
-    "build_gallery",
-    "check_object",
-    "contact_sheet",
-    "strip",
-    "turntable",
-]
+__all__ = ["Finding", "ObjectReport", "build_gallery", "check_object", "contact_sheet", "strip", "turntable"]
 
 __getattr__ = lazy_names(__name__)

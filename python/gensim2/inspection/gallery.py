@@ -119,12 +119,7 @@ def build_gallery(
             sections.append({"library": shown, "license": terms, "cards": cards, "rigid": kind == "rigid"})
     describe = {name: library.describe(name) for library, names in wanted for name in names}
     page = template("gensim2.inspection", "objects.html.j2").render(
-        sections=sections,
-        classes=sorted(describe),
-        describe=describe,
-        views=views,
-        size=size,
-        validated=bool(verdicts),
+        sections=sections, classes=sorted(describe), describe=describe, views=views, size=size, validated=bool(verdicts)
     )
     write_atomic(out / "index.html", page)
     return Gallery(out / "index.html", maker.made, maker.kept, tuple(maker.refused))

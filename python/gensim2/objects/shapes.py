@@ -300,14 +300,8 @@ def tray(
 
     add({axis: -sign * (s[axis] - base) / 2}, {axis: base})
     for side in (-1, 1):
-        add(
-            {u: side * (s[u] - wall) / 2, axis: sign * base / 2},
-            {u: wall, axis: s[axis] - base},
-        )
-        add(
-            {v: side * (s[v] - wall) / 2, axis: sign * base / 2},
-            {v: wall, u: s[u] - 2 * wall, axis: s[axis] - base},
-        )
+        add({u: side * (s[u] - wall) / 2, axis: sign * base / 2}, {u: wall, axis: s[axis] - base})
+        add({v: side * (s[v] - wall) / 2, axis: sign * base / 2}, {v: wall, u: s[u] - 2 * wall, axis: s[axis] - base})
     return parts
 
 

@@ -197,12 +197,7 @@ class StepPlanner:
         return replace(after, q=end, qvel=np.zeros_like(end), held=held)
 
     def _grasp(
-        self,
-        scene: Scene,
-        step: Step,
-        strategy: GraspStrategy,
-        following: Sequence[Ways],
-        lost: Sequence[Array],
+        self, scene: Scene, step: Step, strategy: GraspStrategy, following: Sequence[Ways], lost: Sequence[Array]
     ) -> StepPlan:
         thing = scene.objects[step.object]
         if not thing.is_rigid or scene.held is not None:

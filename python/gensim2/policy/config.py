@@ -12,12 +12,7 @@ from gensim2.core.errors import InputError, near
 
 
 def setting(
-    default: Any,
-    text: str,
-    *,
-    choices: Sequence[str] = (),
-    low: float | None = None,
-    high: float | None = None,
+    default: Any, text: str, *, choices: Sequence[str] = (), low: float | None = None, high: float | None = None
 ) -> Any:
     """Return a dataclass field with its help text and its allowed values.
 

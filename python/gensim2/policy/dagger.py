@@ -117,14 +117,7 @@ def _check_free(out: Path, resume: bool, rounds: int) -> None:
 
 
 def _relabel(
-    given: TaskInput,
-    path: Path,
-    folder: Path,
-    purpose: str,
-    seed: int,
-    episodes: int,
-    workers: int,
-    progress: Progress,
+    given: TaskInput, path: Path, folder: Path, purpose: str, seed: int, episodes: int, workers: int, progress: Progress
 ) -> Relabels:
     """Return the planner's labels of a task in a round, from the file ``path`` or from rollouts."""
     from gensim2.core.processes import Execution, Job, results

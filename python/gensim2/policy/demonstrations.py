@@ -59,11 +59,7 @@ class Demonstrations:
 
     @staticmethod
     def open(
-        folders: Sequence[Path],
-        config: PolicyConfig,
-        tasks: Sequence[str] = (),
-        *,
-        progress: Progress = NULL_PROGRESS,
+        folders: Sequence[Path], config: PolicyConfig, tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS
     ) -> Demonstrations:
         return Demonstrations(decode(folders, tasks, progress=progress), config)
 

@@ -117,13 +117,7 @@ def measure_latencies(
     for config, spec in kinds:
         rows.append(_measure(env, spec, config, decisions, device))
         progress.advance()
-    return {
-        "schema_version": 1,
-        "rows": rows,
-        "threads": threads,
-        "decisions": decisions,
-        "load": load,
-    }
+    return {"schema_version": 1, "rows": rows, "threads": threads, "decisions": decisions, "load": load}
 
 
 def _measure(

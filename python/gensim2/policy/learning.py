@@ -16,14 +16,7 @@ from gensim2.perception import DepthNoise
 from gensim2.policy.checkpoint import checkpoint_folder
 from gensim2.policy.config import HEADS
 from gensim2.policy.devices import read_devices, share_of
-from gensim2.policy.evaluating import (
-    CONTROL_EPISODES,
-    CONTROLS,
-    Control,
-    PolicyResult,
-    evaluate_policy,
-    read_controls,
-)
+from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy, read_controls
 from gensim2.policy.frames import check_turns
 from gensim2.policy.keypose.adding import inputs_beside, tasks_to_plan_again, taught_before
 from gensim2.policy.learn_record import LEARN_JSON, LearnFolder, LearnRecord, check_demonstrations, take_demonstrations

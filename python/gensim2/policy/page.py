@@ -115,12 +115,7 @@ def _films(row: TaskRow, films: Sequence[str], out: Path) -> list[dict[str, Any]
     for film in films:
         episode = row.episodes[film_index(Path(film))]
         came = "held" if episode.held else _cause(episode)
-        found.append(
-            {
-                "file": os.path.relpath(film, out),
-                "words": f"{row.task.name}, {_objects(episode)}: {came}",
-            }
-        )
+        found.append({"file": os.path.relpath(film, out), "words": f"{row.task.name}, {_objects(episode)}: {came}"})
     return found
 
 

@@ -75,8 +75,6 @@ def panda_long() -> RobotProfile:
         gripper=replace(short.gripper, closed=0.0),
         tool_keypoints=finger_keypoints(tip=0.165, side=0.045, base=0.075),
         simulation=Simulation(
-            agent="panda_long",
-            arm=JointDrive(1e3, 2e2, UNLIMITED),
-            gripper=JointDrive(20.0, 0.0, UNLIMITED),
+            agent="panda_long", arm=JointDrive(1e3, 2e2, UNLIMITED), gripper=JointDrive(20.0, 0.0, UNLIMITED)
         ),
     )

@@ -9,14 +9,7 @@ import numpy as np
 
 from gensim2.core.seeding import rng
 from gensim2.rollout.config import Disturbance
-from gensim2.rollout.controller import (
-    ACTUATION,
-    Action,
-    Controller,
-    Event,
-    PrivilegedObservation,
-    WrappedController,
-)
+from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, PrivilegedObservation, WrappedController
 from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03

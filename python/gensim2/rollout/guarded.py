@@ -7,12 +7,7 @@ import numpy as np
 from gensim2.core.errors import MissingExtraError, described, user_code
 from gensim2.perception import Observation
 from gensim2.robots import RobotProfile
-from gensim2.rollout.controller import (
-    Action,
-    Controller,
-    WrappedController,
-    is_privileged,
-)
+from gensim2.rollout.controller import Action, Controller, WrappedController, is_privileged
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.tasks.spec import TaskSpec
 

@@ -136,11 +136,7 @@ class EpisodeRunner:
         return made
 
     def screen(
-        self,
-        config: EpisodeConfig,
-        candidates: Sequence[StepStrategies],
-        seeds: Sequence[int],
-        log: Path | None = None,
+        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int], log: Path | None = None
     ) -> list[list[worker.Screened]]:
         """Plan each candidate in the scene of each seed, and return for each candidate a list with one result per seed.
 

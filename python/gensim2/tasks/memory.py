@@ -115,12 +115,7 @@ class Memory:
         return run if isinstance(run, str) else None
 
     def add(
-        self,
-        task: TaskSpec,
-        strategies: Mapping[str, StrategyData],
-        verification: Verified,
-        *,
-        run: str | None = None,
+        self, task: TaskSpec, strategies: Mapping[str, StrategyData], verification: Verified, *, run: str | None = None
     ) -> Path:
         """Add a verified task; adding the same task again changes nothing.
 

@@ -374,12 +374,7 @@ class MeshCalibration:
 
 
 def calibrate(
-    surface: RobotSurface,
-    camera: Camera,
-    views: Sequence[ArmView],
-    held_out: Sequence[ArmView],
-    *,
-    seed: int = 0,
+    surface: RobotSurface, camera: Camera, views: Sequence[ArmView], held_out: Sequence[ArmView], *, seed: int = 0
 ) -> MeshCalibration:
     """Find a camera's pose in the base frame, and scale and bias of its depth.
 

@@ -225,8 +225,7 @@ def _show(result: dict[str, Any]) -> None:
         "acting_ms": "computing the action",
     }
     table(
-        heads,
-        [(said, *(number(result[name][key]) for key in ("p50", "p99", "worst"))) for name, said in names.items()],
+        heads, [(said, *(number(result[name][key]) for key in ("p50", "p99", "worst"))) for name, said in names.items()]
     )
     if result["scheduling"] == "simulated":
         line("computing times are in real time; the other rows are in simulated time")

@@ -57,10 +57,7 @@ class Execution:
 
             check_address(self.ray)
         if self.workers is None and self.ray is None:
-            raise InputError(
-                "must be a number; None is allowed only for a run on a Ray cluster",
-                field="workers",
-            )
+            raise InputError("must be a number; None is allowed only for a run on a Ray cluster", field="workers")
         if self.workers is not None and self.workers < 0:
             raise InputError(f"must be at least 0, not {brief(self.workers)}", field="workers")
         if self.workers == 0 and self.ray is not None:

@@ -31,10 +31,7 @@ def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[s
             name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
             for name, k in model.keypoints.items()
         },
-        "placement": {
-            "position": model.placement.position.tolist(),
-            "quaternion": model.placement.quaternion.tolist(),
-        },
+        "placement": {"position": model.placement.position.tolist(), "quaternion": model.placement.quaternion.tolist()},
         "hulls": {link: len(hulls) for link, hulls in model.hulls.items()},
         "content_hash": model.content_hash,
         "warnings": list(model.warnings),

@@ -259,11 +259,7 @@ class _Builder:
 
     def _couple(self, follower: str, leader: str) -> None:
         equality = self.spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            name1=follower,
-            name2=leader,
-            solref=SOLREF,
+            type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=follower, name2=leader, solref=SOLREF
         )
         # Position of ``follower`` = 0 + 1 * position of ``leader``.
         equality.data[:2] = 0.0, 1.0

@@ -30,11 +30,7 @@ SCHEMA: dict[str, Any] = {
             "type": "array",
             "items": {
                 "type": "object",
-                "properties": {
-                    "skill": {"type": "string"},
-                    "object": {"type": "string"},
-                    "into": {"type": "string"},
-                },
+                "properties": {"skill": {"type": "string"}, "object": {"type": "string"}, "into": {"type": "string"}},
                 "required": ["skill", "object"],
             },
         },

@@ -12,11 +12,7 @@ GAP = 0.001  # m, distance between lid and rim
 
 
 def _trim(
-    rng: np.random.Generator,
-    size: tuple[float, float, float],
-    lid: tuple[float, float],
-    metal: Look,
-    lock: bool,
+    rng: np.random.Generator, size: tuple[float, float, float], lid: tuple[float, float], metal: Look, lock: bool
 ) -> tuple[list[Solid], list[Solid]]:
     """Generate random fittings for the body and the lid of a box, which are visible but have no collision shape.
 
@@ -95,13 +91,7 @@ def rotate(rng: np.random.Generator) -> Blueprint:
         length = depth + overhang
         lid = [box((0, lid_top - plate / 2, back + length / 2), (width, plate, length), lid_look)]
     if tab:
-        lid.append(
-            box(
-                (0, top + GAP + plate / 2, front + overhang + 0.004),
-                (0.16 * width, 0.7 * plate, 0.012),
-                metal,
-            )
-        )
+        lid.append(box((0, top + GAP + plate / 2, front + overhang + 0.004), (0.16 * width, 0.7 * plate, 0.012), metal))
     reach = front + overhang + (0.01 if tab else 0.0)
     for side in (-1, 1):
         x = side * 0.3 * width

@@ -107,11 +107,7 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
             body += [front, *handle]
             continue
         center = (x, y - 0.004, face - FRONT - (long - FRONT) / 2)
-        drawer = [
-            front,
-            *handle,
-            *tray(center, (bay - 0.014, row - 0.016, long - FRONT), 0.006, c.WOODS[1], "+y"),
-        ]
+        drawer = [front, *handle, *tray(center, (bay - 0.014, row - 0.016, long - FRONT), 0.006, c.WOODS[1], "+y")]
         head, middle = grip, np.array([x, y - 0.004, depth / 2])
     return sliding(body, drawer, head, middle, min(stroke, long - 0.03))
 
@@ -187,9 +183,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         y = bottom + plinth + row * (row_height + shelf) + shelf + row_height / 2
         # The drawer fronts lie in front of the carcass, with a shadow gap between the fronts.
         front = box(
-            (0, y, depth / 2 + 0.001 + FRONT / 2),
-            (width - 0.004, row_height + shelf - 0.004, FRONT),
-            front_look,
+            (0, y, depth / 2 + 0.001 + FRONT / 2), (width - 0.004, row_height + shelf - 0.004, FRONT), front_look
         )
         at = np.array([0, y, depth / 2 + 0.001 + FRONT])
         handle, reach = _handle(np.random.default_rng(handle_seed), at, width, row_height)

@@ -72,10 +72,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         (0, -1, 0),
         (0.0, np.pi / 2),
         head=(at, "the middle of the microwave's door handle"),
-        inside_base=(
-            (left + cavity / 2, -0.1 * height, 0),
-            "the point inside the microwave to put an object",
-        ),
+        inside_base=((left + cavity / 2, -0.1 * height, 0), "the point inside the microwave to put an object"),
     )
 
 

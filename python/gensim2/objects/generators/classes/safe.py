@@ -57,10 +57,7 @@ def rotate(rng: np.random.Generator) -> Blueprint:
                 shape.append(box(key, (0.012, 0.012, 0.003), c.WHITE, 0.0).visual_only())
         shape.append(box(dial + np.array([0, 0.027, 0.006]), (0.046, 0.010, 0.002), c.DISPLAY, 0.0).visual_only())
     for y in (-0.32, 0.32):
-        foot, tip = (
-            (right + 0.004, y * height - 0.02, front + GAP),
-            (right + 0.004, y * height + 0.02, front + GAP),
-        )
+        foot, tip = ((right + 0.004, y * height - 0.02, front + GAP), (right + 0.004, y * height + 0.02, front + GAP))
         body.append(rod(foot, tip, 0.006, metal).visual_only())
     return c.hinged(
         body,

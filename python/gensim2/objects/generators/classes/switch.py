@@ -32,12 +32,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     profile = [
         (sx * rocker_w / 2, y, z + dz)
         for sx in (-1, 1)
-        for y, dz in (
-            (-rocker_h / 2, 0.0),
-            (rocker_h / 2, 0.0),
-            (rocker_h / 2, thick),
-            (-rocker_h / 2, thick),
-        )
+        for y, dz in ((-rocker_h / 2, 0.0), (rocker_h / 2, 0.0), (rocker_h / 2, thick), (-rocker_h / 2, thick))
     ]
     moving = [convex(profile, c.WHITE if look is not c.WHITE else c.PAINTS[0])]
     moving.append(
@@ -54,14 +49,8 @@ def build(rng: np.random.Generator) -> Blueprint:
         (0, 0, z),
         (-1, 0, 0),
         (-tilt, tilt),
-        head=(
-            (0, 0.42 * rocker_h, z + thick),
-            "the upper end of the rocker, pressed to turn the light on",
-        ),
-        tail=(
-            (0, -0.42 * rocker_h, z + thick),
-            "the lower end of the rocker, pressed to turn the light off",
-        ),
+        head=((0, 0.42 * rocker_h, z + thick), "the upper end of the rocker, pressed to turn the light on"),
+        tail=((0, -0.42 * rocker_h, z + thick), "the lower end of the rocker, pressed to turn the light off"),
     )
 
 

@@ -51,9 +51,7 @@ def draw(rng: np.random.Generator) -> Toaster:
     start = 0.26 * height
     thick = 0.014
     reach = 0.028
-    lever = [
-        rounded_box((0, start, front + 0.002 + reach / 2), (grip, thick, reach), dark, 0.006),
-    ]
+    lever = [rounded_box((0, start, front + 0.002 + reach / 2), (grip, thick, reach), dark, 0.006)]
     band = (width + 0.0012, 0.005, depth + 0.0012)
     body.append(rounded_box((0, floor_top, 0), band, c.STEEL if look.metallic == 0 else dark, 0.0205).visual_only())
     mark = knob + np.array([0, 0.006, 0.0125])

@@ -62,10 +62,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         (0, -1, 0),
         (0.0, 1.7),
         head=(at, "the middle of the handle at the edge of the machine's door"),
-        tail=(
-            origin + np.array([0.006, 0, door / 2]),
-            "the middle of the hinge between the machine's door and body",
-        ),
+        tail=(origin + np.array([0.006, 0, door / 2]), "the middle of the hinge between the machine's door and body"),
     )
 
 
