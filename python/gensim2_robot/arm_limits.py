@@ -182,12 +182,8 @@ class ArmLimits:
             raise InputError("must be smaller, because with this margin a joint of the arm cannot move", field="margin")
         own = profile.arm_limits(*(_PANDA if profile.solver.get("limits") == "panda" else _UNKNOWN))
         if not np.isfinite(own.velocity).all():
-            raise InputError(
-                "a joint of the arm has no velocity limit",
-                file=profile.urdf,
-                field="limit",
-                remedy="add <limit velocity=...>",
-            )
+            wrong = "a joint of the arm has no velocity limit"
+            raise InputError(wrong, file=profile.urdf, field="limit", remedy="add <limit velocity=...>")
         return ArmLimits(
             profile,
             lower,

@@ -84,9 +84,8 @@ class Delays:
     def __post_init__(self) -> None:
         for name, (low, high) in vars(self).items():
             if not 0.0 <= low <= high < 10.0:
-                raise InputError(
-                    f"must be a range of seconds from 0 to 10, but is {(low, high)}", field=f"delays.{name}"
-                )
+                wrong = f"must be a range of seconds from 0 to 10, but is {(low, high)}"
+                raise InputError(wrong, field=f"delays.{name}")
 
 
 class LineArguments(SceneArguments, total=False):
@@ -179,19 +178,15 @@ class LineConfig:
             wrong = "must be off, because only simulated devices can run on a simulated clock"
             raise InputError(wrong, field="simulated_clock")
         if not 0.0 < self.rate <= MAX_RATE:
-            raise InputError(
-                f"must lie between 0 and {MAX_RATE:g} pictures per second, but is {self.rate}", field="rate"
-            )
+            problem = f"must lie between 0 and {MAX_RATE:g} pictures per second, but is {self.rate}"
+            raise InputError(problem, field="rate")
         if len(self.pixels) != 2 or not all(1 <= count <= MAX_PIXELS for count in self.pixels):
             raise InputError(f"must be width and height from 1 to {MAX_PIXELS}, but is {self.pixels}", field="pixels")
         if self.delays != Delays() and not self.simulated_clock:
             raise InputError("can only be set for a simulated clock", field="delays", remedy="use simulated_clock=True")
         if self.policy is not None and self.scene_source != TRUE_SCENE:
-            raise InputError(
-                "is an option of the planner, and cannot be combined with a policy",
-                field="--scene",
-                remedy="leave it out, or give --plan instead of --policy",
-            )
+            problem = "is an option of the planner, and cannot be combined with a policy"
+            raise InputError(problem, field="--scene", remedy="leave it out, or give --plan instead of --policy")
         if not self.is_simulated and self.policy is None and self.scene_source == TRUE_SCENE:
             raise InputError(
                 "with a true scene works only in simulation, because no camera shows the true state of the scene",

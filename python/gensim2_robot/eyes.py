@@ -207,14 +207,11 @@ class Eyes:
         there = {camera.name: camera for camera in cameras}
         for name in spec.cameras if spec.modalities else ():
             if name not in there:
-                raise InputError(
-                    f"there is no camera {name!r}", field="cameras", remedy=f"choose from {', '.join(there)}"
-                )
+                wrong = f"there is no camera {name!r}"
+                raise InputError(wrong, field="cameras", remedy=f"choose from {', '.join(there)}")
         if not set(spec.modalities) <= {"pointcloud", "depth"}:
-            raise InputError(
-                "the policy uses other data, but the cameras provide only point clouds and depth images",
-                field="modalities",
-            )
+            wrong = "the policy uses other data, but the cameras provide only point clouds and depth images"
+            raise InputError(wrong, field="modalities")
         used = [there[name] for name in spec.cameras] if spec.modalities else []
         # If the policy uses depth images, the images keep their full resolution.
         whole = "depth" in spec.modalities

@@ -75,11 +75,8 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
                 depths = np.stack([cameras[name].metres(frame.depth) for frame in frames])
                 recordings.append(StillRecording(depths, frames[0].colors, float(cameras[name].intrinsic[1, 1])))
     if not recordings:
-        raise InputError(
-            f"the arm is never at rest for {MIN_PICTURES} images",
-            file=log,
-            remedy="keep the arm at rest for some seconds",
-        )
+        wrong = f"the arm is never at rest for {MIN_PICTURES} images"
+        raise InputError(wrong, file=log, remedy="keep the arm at rest for some seconds")
     found, told = fit(recordings, base)
     write_atomic(out, NoiseFile(noise=asdict(found), told=told).model_dump_json(indent=2) + "\n")
     return {"schema_version": 1, "noise": asdict(found), "told": told, "recordings": len(recordings), "file": str(out)}

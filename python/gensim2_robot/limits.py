@@ -197,9 +197,8 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
         worst = int(off.argmax())
         if off[worst] > limits.jump:
             name = limits.profile.arm_joints[worst]
-            raise RefusedError(
-                f"the first action moves {name} by {off[worst]:.2f}, more than the limit of {limits.jump:g}"
-            )
+            wrong = f"the first action moves {name} by {off[worst]:.2f}, more than the limit of {limits.jump:g}"
+            raise RefusedError(wrong)
     return np.append(arm, np.clip(given[-1], -1.0, 1.0))
 
 

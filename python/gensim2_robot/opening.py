@@ -153,11 +153,8 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
             if len(cameras) < 2:
                 raise InputError(f"{fault.name} needs at least two cameras", field="fault")
             if source.kind == SOFTWARE:
-                raise InputError(
-                    "this fault cannot be injected into software devices",
-                    field="fault",
-                    remedy=f"give --cameras {SIMULATED}",
-                )
+                problem = "this fault cannot be injected into software devices"
+                raise InputError(problem, field="fault", remedy=f"give --cameras {SIMULATED}")
     calibration = None
     if config.calibration is not None:
         # A real camera's image size is known, and compared, only when it is opened.

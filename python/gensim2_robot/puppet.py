@@ -65,10 +65,8 @@ class GivenActions:
 
     def fail(self, fault: str) -> None:
         """Raise an error, because faults cannot be injected into actions that another program gives."""
-        raise InputError(
-            "faults cannot be injected, because the actions come from another program and not from a policy",
-            field="fault",
-        )
+        wrong = "faults cannot be injected, because the actions come from another program and not from a policy"
+        raise InputError(wrong, field="fault")
 
     def close(self) -> None:
         """Do nothing."""

@@ -66,11 +66,8 @@ def run(
         check_counts(episodes=episodes)
     for fault in faults:
         if fault.name == "disk-full" and log is None:
-            raise InputError(
-                "the fault disk-full needs a log, because it fills the simulated disk of the log",
-                field="fault",
-                remedy="leave out --no-log",
-            )
+            wrong = "the fault disk-full needs a log, because it fills the simulated disk of the log"
+            raise InputError(wrong, field="fault", remedy="leave out --no-log")
     config, scene = LineConfig.split(line)
     if (episodes or 1) > 1 and not (config.is_simulated or config.dry):
         said = f"a person lays out each scene of a real arm, {episodes} are asked for"

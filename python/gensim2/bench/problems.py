@@ -176,9 +176,8 @@ class PlanProblem(_Record):
                 )
         clock = [self.start_time, *self.keyframe_times()]
         if any(later <= earlier for earlier, later in pairwise(clock)):
-            raise ValueError(
-                "actuation_time: every keyframe must be later than start_time and than the keyframe before"
-            )
+            wrong = "actuation_time: every keyframe must be later than start_time and than the keyframe before"
+            raise ValueError(wrong)
         return self
 
 
@@ -204,12 +203,8 @@ def read_problems(path: Path) -> list[PlanProblem]:
             continue
         problem = parse_record(line, _PROBLEM, path, _REMEDY, f"line {number}")
         if problem.id in lines:
-            raise InputError(
-                f"the id {problem.id!r} is already used on line {lines[problem.id]}",
-                file=path,
-                field=f"line {number}: id",
-                remedy="give every problem its own id",
-            )
+            wrong = f"the id {problem.id!r} is already used on line {lines[problem.id]}"
+            raise InputError(wrong, file=path, field=f"line {number}: id", remedy="give every problem its own id")
         lines[problem.id] = number
         problems.append(problem)
     if not problems:

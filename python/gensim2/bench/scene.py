@@ -188,11 +188,8 @@ def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tup
     urdf = _urdf(folder / "articulated_objs" / record.cls / record.id)
     moving = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(moving) != 1 or moving[0].type not in MOVABLE:
-        raise InputError(
-            f"has {len(moving)} movable joints",
-            file=urdf.file,
-            remedy="an object must have exactly one revolute or prismatic joint",
-        )
+        wrong = f"has {len(moving)} movable joints"
+        raise InputError(wrong, file=urdf.file, remedy="an object must have exactly one revolute or prismatic joint")
     joint, axis, value, scale = moving[0], unit_axis(moving[0], urdf.file), record.qpos[0], record.scale
     frames = fixed_frames(urdf, joint)
     T_base_root = np.linalg.inv(problem.pose("T_world_base")) @ pose_from(record.root_p, record.root_q)
@@ -279,10 +276,6 @@ def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -
 def check_assets(folder: Path) -> Path:
     """Return ``folder``; raise InputError if the folder does not contain ``articulated_objs``."""
     if not (folder / "articulated_objs").is_dir():
-        raise InputError(
-            "the folder has no subfolder articulated_objs",
-            file=folder,
-            field="--assets",
-            remedy="give the folder of GenSim2's released objects",
-        )
+        wrong = "the folder has no subfolder articulated_objs"
+        raise InputError(wrong, file=folder, field="--assets", remedy="give the folder of GenSim2's released objects")
     return folder

@@ -212,11 +212,8 @@ def solve_problems(
         ```
     """
     if sample_dt is not None and not SHORTEST_SAMPLE_DT <= sample_dt < float("inf"):
-        raise InputError(
-            f"must be at least {SHORTEST_SAMPLE_DT} s, but is {sample_dt}",
-            field="--sample-dt",
-            remedy="for example 0.05",
-        )
+        wrong = f"must be at least {SHORTEST_SAMPLE_DT} s, but is {sample_dt}"
+        raise InputError(wrong, field="--sample-dt", remedy="for example 0.05")
     recorded = read_problems(problems)
     folder = None if assets is None else check_assets(assets)
     robot = robots.robot("panda").model

@@ -183,9 +183,8 @@ def _refuse_beside_a_checkpoint(context: click.Context) -> None:
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):
-            raise click.UsageError(
-                f"Give {param.opts[0]} without --checkpoint: the trained policy determines this option."
-            )
+            wrong = f"Give {param.opts[0]} without --checkpoint: the trained policy determines this option."
+            raise click.UsageError(wrong)
 
 
 bench = click.Group("bench", commands=[solver, motion, policy], help="Measure the solver and policies.")

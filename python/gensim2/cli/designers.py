@@ -115,9 +115,8 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
     from gensim2.tasks.library import task_names
 
     if target_task in task_names():
-        raise InputError(
-            "cannot be combined with an existing task", field="--target-object", remedy="leave out --target-object"
-        )
+        wrong = "cannot be combined with an existing task"
+        raise InputError(wrong, field="--target-object", remedy="leave out --target-object")
     library = open_library(scene.assets)
     if target_object not in library.classes():
         message = f"{library.location} has no class {target_object!r}"

@@ -127,9 +127,8 @@ def _counts(given: tuple[str, ...]) -> dict[str, int]:
         name, _, number = text.partition("=")
         if not number.isdecimal() or int(number) == 0:
             remedy = "give CLASS=COUNT, for example drawer=120"
-            raise InputError(
-                f"{text!r} does not contain a class and a positive count", field="--objects-of", remedy=remedy
-            )
+            wrong = f"{text!r} does not contain a class and a positive count"
+            raise InputError(wrong, field="--objects-of", remedy=remedy)
         found[name] = int(number)
     return found
 

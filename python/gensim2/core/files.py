@@ -46,9 +46,8 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
         return Path(os.environ.get(variable) or default())
     except RuntimeError as error:
         remedy = f"set {variable} to a folder, or HOME"
-        raise InputError(
-            "this account has no home folder, and the variable is not set", field=variable, remedy=remedy
-        ) from error
+        wrong = "this account has no home folder, and the variable is not set"
+        raise InputError(wrong, field=variable, remedy=remedy) from error
 
 
 @contextlib.contextmanager

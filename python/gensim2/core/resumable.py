@@ -57,9 +57,8 @@ class FolderLock:
             with path.open(encoding="ascii", errors="replace") as stream:
                 owner = stream.read(32).strip()
             by = f" (process {owner})" if owner else ""
-            raise InputError(
-                f"another run is using this folder{by}", file=folder, remedy="wait for it, or choose another folder"
-            ) from error
+            wrong = f"another run is using this folder{by}"
+            raise InputError(wrong, file=folder, remedy="wait for it, or choose another folder") from error
         except NotRegularError as error:
             raise InputError(str(error), file=path, remedy="remove it") from error
         except OSError as error:
@@ -269,6 +268,5 @@ class ResumableFolder(Generic[Settings]):
             for entry in path.iterdir()
         ):
             held = holds.removeprefix("a ")
-            raise InputError(
-                f"the folder is not empty, but contains no {held}", file=path, remedy="choose another --out"
-            )
+            wrong = f"the folder is not empty, but contains no {held}"
+            raise InputError(wrong, file=path, remedy="choose another --out")

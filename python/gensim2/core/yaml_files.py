@@ -76,9 +76,8 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
         raise InputError(f"is not valid YAML: {problem}", file=file, field=where) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise InputError(
-            "is not valid YAML: the line contains a control character", file=file, field=f"line {line}"
-        ) from error
+        wrong = "is not valid YAML: the line contains a control character"
+        raise InputError(wrong, file=file, field=f"line {line}") from error
     if not isinstance(value, dict):
         raise InputError("the text must be a mapping from field names to values", file=file, field="line 1")
     check_finite(value, file)

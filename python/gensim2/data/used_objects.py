@@ -62,11 +62,8 @@ class ObjectCheck:
             try:
                 self._contents[key] = self.library.load(*key).content_hash
             except InputError as error:
-                raise InputError(
-                    f"the object {'/'.join(key)} of this run cannot be loaded: {error.message}",
-                    file=file,
-                    remedy=_REMEDY,
-                ) from error
+                wrong = f"the object {'/'.join(key)} of this run cannot be loaded: {error.message}"
+                raise InputError(wrong, file=file, remedy=_REMEDY) from error
         if self._contents[key] == content_hash or key in self._said:
             return
         if self._version == versions(self._dataset.record.scene.engine)["gensim2"]:

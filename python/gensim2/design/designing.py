@@ -127,9 +127,8 @@ def model_designer(
         recorded = AnswerStore(replay).model()
         if recorded.prompts != texts.digest:
             remedy = "use the same --prompts as the recorded run"
-            raise InputError(
-                "the recorded run used different prompts from the current prompts", file=replay, remedy=remedy
-            )
+            wrong = "the recorded run used different prompts from the current prompts"
+            raise InputError(wrong, file=replay, remedy=remedy)
         given, asking = recorded.options, Asking.read(recorded.asking, replay)
     asked = LanguageModel(given, texts.digest, asdict(asking), cache=cache_dir() / "answers", replay=replay)
     views = None

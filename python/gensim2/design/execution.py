@@ -123,12 +123,8 @@ def verify(
     if verification is not None:
         had = [episode.seed for episode in verification.episodes]
         if had != seeds[: len(had)] or (verification.kept and len(had) != len(seeds)):
-            raise InputError(
-                "the file contains episodes of another run",
-                file=files.verification_path,
-                field="episodes",
-                remedy="delete the file and resume",
-            )
+            wrong = "the file contains episodes of another run"
+            raise InputError(wrong, file=files.verification_path, field="episodes", remedy="delete the file and resume")
     else:
         log = EpisodeLog(log_path, seeds)
         threshold = KEEP_THRESHOLD if task.is_single_step else KEEP_LONG

@@ -91,11 +91,8 @@ def add_task(
         if verification.second is not None:
             tally, where = verification.second.tally, f" in {verification.second.engine}"
         causes = ", ".join(f"{count} {cause}" for cause, count in tally.causes.items())
-        raise UnverifiedTaskError(
-            f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where}; failures by cause: {causes}",
-            file=folder,
-            remedy=f"the success rate must be at least {LEAST_SHARE:g}",
-        )
+        wrong = f"{task.name}: {tally.held} of {episodes} fresh episodes succeeded{where}; failures by cause: {causes}"
+        raise UnverifiedTaskError(wrong, file=folder, remedy=f"the success rate must be at least {LEAST_SHARE:g}")
     memory.add(task, read.strategies, verified(verification, seed))
     return Remembered(library_folder, (task.name,), {})
 

@@ -85,13 +85,11 @@ def benchmark(
     check_counts(runs=runs, episodes=episodes, attempts=attempts)
     execution = Execution.of(scene)
     if disturbance is not None and disturbance not in DISTURBANCES:
-        raise InputError(
-            f"unknown disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
-        )
+        wrong = f"unknown disturbance {disturbance!r}"
+        raise InputError(wrong, field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}")
     if one_plan and scene.get("open_loop", False):
-        raise InputError(
-            "this option cannot be combined with one_plan", field="open_loop", remedy="leave one of them out"
-        )
+        wrong = "this option cannot be combined with one_plan"
+        raise InputError(wrong, field="open_loop", remedy="leave one of them out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Import late, because these modules take long to import.
     from gensim2.data.runfolder import RUN_JSON

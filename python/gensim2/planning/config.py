@@ -67,11 +67,8 @@ def check_strategies(
             _check(planner, scene, step, strategies[name], (files or {}).get(name))
         if all(strategies[name].makes_room is not None for name in step.strategies):
             field = f"steps.{step.name}.strategies"
-            raise InputError(
-                "every strategy of this step only moves another object out of the way",
-                field=field,
-                remedy="add a strategy that handles the step's own object",
-            )
+            wrong = "every strategy of this step only moves another object out of the way"
+            raise InputError(wrong, field=field, remedy="add a strategy that handles the step's own object")
 
 
 def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
@@ -79,23 +76,14 @@ def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, f
         is_rigid = scene.objects[step.object].is_rigid
         if isinstance(strategy, GraspStrategy) and not is_rigid:
             remedy = "add follow_joint_to: 1.0 to grasp the moving part and move the joint"
-            raise InputError(
-                f"this strategy grasps and carries an object, but {step.object} has a joint",
-                file=file,
-                field="grasp",
-                remedy=remedy,
-            )
+            wrong = f"this strategy grasps and carries an object, but {step.object} has a joint"
+            raise InputError(wrong, file=file, field="grasp", remedy=remedy)
         if isinstance(strategy, PullStrategy) and is_rigid:
-            raise InputError(
-                f"{step.object} has no joint to follow",
-                file=file,
-                field="follow_joint_to",
-                remedy="remove follow_joint_to",
-            )
+            wrong = f"{step.object} has no joint to follow"
+            raise InputError(wrong, file=file, field="follow_joint_to", remedy="remove follow_joint_to")
         if step.tool != HAND:
-            raise InputError(
-                f"the hand already holds {step.tool}", file=file, field="grasp", remedy="remove the step's tool"
-            )
+            wrong = f"the hand already holds {step.tool}"
+            raise InputError(wrong, file=file, field="grasp", remedy="remove the step's tool")
         return
     held = None if step.tool == HAND else step.tool
     if strategy.makes_room is not None:

@@ -78,9 +78,8 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         with archive.open(member) as stream:
             version = read_magic(stream)
             if version != (1, 0):  # refuse later versions of the npy format, because they allow headers of up to 4 GiB
-                raise ValueError(
-                    f"{member.filename} has version {version} of the npy format, but must have version (1, 0)"
-                )
+                wrong = f"{member.filename} has version {version} of the npy format, but must have version (1, 0)"
+                raise ValueError(wrong)
             shape, in_columns, dtype = read_array_header_1_0(stream, max_header_size=_MAX_HEADER)
             size = math.prod(shape) * dtype.itemsize
             if dtype.kind not in "biufU" or not dtype.isnative or min(shape, default=0) < 0:

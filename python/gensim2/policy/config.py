@@ -172,24 +172,19 @@ class PolicyConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width % self.attention or self.width % 2:
-            raise InputError(
-                f"must be even and a multiple of the setting 'attention', which is {self.attention}", field="width"
-            )
+            wrong = f"must be even and a multiple of the setting 'attention', which is {self.attention}"
+            raise InputError(wrong, field="width")
         if self.execute > self.horizon:
             raise InputError(f"must be at most the setting 'horizon', which is {self.horizon}", field="execute")
         if self.denoise_steps > self.noise_levels:
-            raise InputError(
-                f"must be at most the setting 'noise_levels', which is {self.noise_levels}", field="denoise_steps"
-            )
+            wrong = f"must be at most the setting 'noise_levels', which is {self.noise_levels}"
+            raise InputError(wrong, field="denoise_steps")
         if self.keyframes and self.head == "keypose":
             raise InputError("this setting applies only to action-chunk policies", field="keyframes")
         if self.encoder == "state":
             if self.head == "keypose":
-                raise InputError(
-                    "the encoder 'state' is available only for policies that predict action chunks",
-                    field="encoder",
-                    remedy="use another --head",
-                )
+                wrong = "the encoder 'state' is available only for policies that predict action chunks"
+                raise InputError(wrong, field="encoder", remedy="use another --head")
             if self.keyframes and self.points is not None and self.seen_points < self.points:
                 message = f"must be all points, at least {self.points}, of the encoder state"
                 raise InputError(message, field="seen_points")

@@ -161,9 +161,8 @@ class PolicyController:
         self._max_attempts = attempts
         if denoise_steps is not None:
             if not hasattr(self._policy.network.head, "steps"):
-                raise InputError(
-                    f"applies to the heads diffusion and flow, not to {config.head}", field="denoise_steps"
-                )
+                wrong = f"applies to the heads diffusion and flow, not to {config.head}"
+                raise InputError(wrong, field="denoise_steps")
             if not 1 <= denoise_steps <= config.noise_levels:
                 raise InputError(f"must lie in 1..{config.noise_levels}, but is {denoise_steps}", field="denoise_steps")
             self._policy.network.head.steps = denoise_steps

@@ -100,9 +100,8 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         raise InputError("at least one data set is needed", field="--data")
     robots = {each.record.scene.robot for each in sets}
     if len(robots) > 1:
-        raise InputError(
-            f"the data sets were recorded with different robots: {', '.join(sorted(robots))}", field="--data"
-        )
+        wrong = f"the data sets were recorded with different robots: {', '.join(sorted(robots))}"
+        raise InputError(wrong, field="--data")
     spec = sets[0].observation_spec()
     for each in sets[1:]:
         spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
@@ -116,9 +115,8 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         progress.message(f"{len(found) - len(held)} of {len(found)} episodes occur in several data sets and count once")
     rows = [each for each in held if each.rendered]
     if not rows:
-        raise InputError(
-            "the data sets contain no rendered episode", field="--data", remedy="run `gensim2 render` on them"
-        )
+        wrong = "the data sets contain no rendered episode"
+        raise InputError(wrong, field="--data", remedy="run `gensim2 render` on them")
     if len(rows) < len(held):
         left_out = f"{len(held) - len(rows)} of {len(held)} episodes have no observations and are left out"
         progress.message(f"{left_out} (`gensim2 render` with --resume makes them)")

@@ -118,11 +118,8 @@ class LearnFolder(ResumableFolder[LearnRecord]):
         out = self.path
         folders = (out, *(out / name for name in settings.tasks))
         if not (out / LEARN_JSON).exists() and any(map(holds_training, folders)):
-            raise InputError(
-                "the folder contains a policy that was trained by a different command",
-                file=out,
-                remedy="choose another --out",
-            )
+            wrong = "the folder contains a policy that was trained by a different command"
+            raise InputError(wrong, file=out, remedy="choose another --out")
         return super()._opened(settings)
 
 
@@ -140,9 +137,8 @@ def check_demonstrations(other: Path, record: LearnRecord) -> None:
     for name in DATA_FIELDS:
         was, now = getattr(there, name), getattr(record, name)
         if was != now:
-            raise InputError(
-                f"the value is {was!r} in the other run, but {now!r} in this run", file=other / LEARN_JSON, field=name
-            )
+            wrong = f"the value is {was!r} in the other run, but {now!r} in this run"
+            raise InputError(wrong, file=other / LEARN_JSON, field=name)
     if record.is_of_plans:  # plan files contain point clouds, which must match the observation spec
         record.observation.require(there.observation, str(other / LEARN_JSON), of="this run")
 

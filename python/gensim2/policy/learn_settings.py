@@ -67,9 +67,8 @@ def learn_configs(
     strangers, kind = (OF_CHUNKS, "action chunks") if policy == "keypose" else (OF_KEYPOSES, "keyposes")
     for name in strangers:
         if name in settings:
-            raise InputError(
-                f"applies only to {kind}", file=file, field=name, remedy="leave it out, or change --policy"
-            )
+            wrong = f"applies only to {kind}"
+            raise InputError(wrong, file=file, field=name, remedy="leave it out, or change --policy")
     network, training = (POLICY, TRAINING) if policy == "keypose" else (CHUNK_POLICY, CHUNK_TRAINING)
     made = configs({**network.to_dict(), **training.to_dict(), **settings, "head": policy}, file=file)
     if made[0].encoder == "state" and made[0].points is not None and made[0].points < KNOWN_POINTS:

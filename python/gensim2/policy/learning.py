@@ -205,9 +205,8 @@ def learn(
         message = "applies to simulated demonstrations; a keypose policy learns from plans that are not simulated"
         raise InputError(message, field="engines", remedy="also simulate the plans (verify)")
     if generated is not None and policy != "keypose":
-        raise InputError(
-            "applies only to keypose policies, which learn from plans", field="generated", remedy="leave it out"
-        )
+        wrong = "applies only to keypose policies, which learn from plans"
+        raise InputError(wrong, field="generated", remedy="leave it out")
     if objects is not None and "instances" in scene:
         raise InputError("cannot be given together with instances", field="objects", remedy="give only one")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}

@@ -58,9 +58,8 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
     transformers = required("transformers", "clip")
     remedy = "give a folder or a hub name with --text-model, or use --text small"
     if kind == "sentence" and model == CLIP:
-        raise InputError(
-            f"the model is CLIP, which is not a sentence encoder such as {SENTENCE}", field="text_model", remedy=remedy
-        )
+        wrong = f"the model is CLIP, which is not a sentence encoder such as {SENTENCE}"
+        raise InputError(wrong, field="text_model", remedy=remedy)
     transformers.utils.logging.disable_progress_bar()
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
@@ -94,12 +93,8 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
             embedded = found.text_embeds if kind == "clip" else _mean(found.last_hidden_state, mask)
     except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError) as error:
         reason = str(error).strip().split("\n")[0][:200]
-        raise InputError(
-            f"the text encoder cannot be loaded from these weights: {reason}",
-            file=model,
-            field="text_model",
-            remedy=remedy,
-        ) from error
+        wrong = f"the text encoder cannot be loaded from these weights: {reason}"
+        raise InputError(wrong, file=model, field="text_model", remedy=remedy) from error
     return nn.functional.normalize(embedded.float(), dim=-1)
 
 

@@ -104,23 +104,19 @@ def check_text(text: str | None, model: str | None, sentences: Sequence[str], be
     if begun is not None:
         had = begun.config.text
         if text not in (None, had):
-            raise InputError(
-                f"the policy given with --from has the text encoder {had!r}, which cannot be changed to {text!r}",
-                field="text",
-            )
+            wrong = f"the policy given with --from has the text encoder {had!r}, which cannot be changed to {text!r}"
+            raise InputError(wrong, field="text")
         if model not in (None, begun.config.text_model):
             raise InputError("is determined by the policy given with --from", field="text_model", remedy="leave it out")
         begun.require_text_model(model, "--from")
         prepare([*begun.sentences, *sentences], begun.config)
         return
     if not sentences and (text is not None or model is not None):
-        raise InputError(
-            "applies to multi-task policies only", field="text", remedy="name several TASKS and give --multi-task"
-        )
+        wrong = "applies to multi-task policies only"
+        raise InputError(wrong, field="text", remedy="name several TASKS and give --multi-task")
     if model is not None and text in (None, "small", "none"):
-        raise InputError(
-            "applies to pretrained encoders only", field="text_model", remedy="give --text clip or sentence"
-        )
+        wrong = "applies to pretrained encoders only"
+        raise InputError(wrong, field="text_model", remedy="give --text clip or sentence")
     if text == "none":
         raise InputError("cannot be none, because only the instruction distinguishes the tasks", field="text")
     if sentences:

@@ -201,9 +201,8 @@ def _train(
     if resume and (folder / STATE_JSON).exists():
         state.load(folder, identity)
     elif resume and (out / CONFIG_JSON).exists():
-        raise InputError(
-            "does not exist, so there is nothing to resume", file=folder / STATE_JSON, remedy="choose another --out"
-        )
+        said = "does not exist, so there is nothing to resume"
+        raise InputError(said, file=folder / STATE_JSON, remedy="choose another --out")
     elif holds_training(out):
         raise held_already(out, "a policy")
     out.mkdir(parents=True, exist_ok=True)

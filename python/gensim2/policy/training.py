@@ -66,11 +66,8 @@ def train(
     else:
         policy, training = read_config(config, **given) if config is not None else configs(given)
     if policy.head == "keypose":
-        raise InputError(
-            "a keypose policy learns from plans, not from demonstrations",
-            field="head",
-            remedy="use `gensim2 learn --policy keypose`",
-        )
+        wrong = "a keypose policy learns from plans, not from demonstrations"
+        raise InputError(wrong, field="head", remedy="use `gensim2 learn --policy keypose`")
     if assets is not None and not dagger:
         raise InputError("can be given only together with --dagger", field="assets", remedy="leave it out")
     folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]

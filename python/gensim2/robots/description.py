@@ -76,9 +76,8 @@ def mounted(
     there = _links(root) | {str(joint.get("name")) for joint in root.findall("joint")}
     twice = sorted((names | {str(joint.get("name")) for joint in hanging}) & there)
     if twice:
-        raise InputError(
-            f"arm and hand both have a link or joint named {twice[0]!r}", field="name", remedy="rename one"
-        )
+        wrong = f"arm and hand both have a link or joint named {twice[0]!r}"
+        raise InputError(wrong, field="name", remedy="rename one")
     for material in hand.findall("material"):
         root.append(copy.deepcopy(material))
     mount = ET.SubElement(root, "joint", name=f"{palm}_mount", type="fixed")

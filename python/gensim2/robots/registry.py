@@ -71,12 +71,8 @@ def register_robot(make: _Made) -> _Made:
     place = _place_of(make)
     known = PACKAGED.get(name, _registered.get(name, place))
     if known != place:
-        raise InputError(
-            f"a robot named {name!r} is already registered by {known}",
-            file=place,
-            field="register_robot",
-            remedy="give the new robot another name",
-        )
+        wrong = f"a robot named {name!r} is already registered by {known}"
+        raise InputError(wrong, file=place, field="register_robot", remedy="give the new robot another name")
     _registered[name], _made_by[place] = place, make
     if _loading:
         _loading[-1].append(name)
@@ -219,9 +215,8 @@ def _made(make: Maker, where: str) -> RobotProfile:
     """Return the profile that a factory function creates, after checking it."""
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):
-        raise InputError(
-            f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}", file=where, field="robot"
-        )
+        wrong = f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}"
+        raise InputError(wrong, file=where, field="robot")
 
     # Reading the robot's files, and the user's files(), may fail: an InputError for ``files``.
     def refused(error: BaseException) -> InputError:
@@ -253,11 +248,8 @@ def _place_of(make: Maker) -> str:
     except TypeError:
         file = None
     if file is None or not Path(file).is_file():
-        raise InputError(
-            f"{make.__name__} is not defined in a file, so worker processes cannot load it",
-            field="register_robot",
-            remedy="put it into a Python file",
-        )
+        wrong = f"{make.__name__} is not defined in a file, so worker processes cannot load it"
+        raise InputError(wrong, field="register_robot", remedy="put it into a Python file")
     return f"{Path(file).resolve()}:{make.__name__}"
 
 

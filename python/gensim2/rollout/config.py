@@ -88,9 +88,8 @@ class RolloutOptions:
             }
             for name, is_set in excluded.items():
                 if is_set:
-                    raise InputError(
-                        "cannot be combined with an estimated scene", field=name, remedy="leave one of them out"
-                    )
+                    said = "cannot be combined with an estimated scene"
+                    raise InputError(said, field=name, remedy="leave one of them out")
         elif self.depth_noise is not None:
             wrong = "has no effect, because only an estimated scene is computed from depth images"
             raise InputError(wrong, field="depth_noise", remedy="also give an estimator, or leave depth_noise out")

@@ -59,9 +59,8 @@ class ControllerSpec:
         try:
             json.dumps(spec.arguments, allow_nan=False)
         except (TypeError, ValueError) as error:
-            raise ControllerError(
-                f"must be plain data that JSON can store ({error})", file=spec.target, field="arguments"
-            ) from error
+            wrong = f"must be plain data that JSON can store ({error})"
+            raise ControllerError(wrong, file=spec.target, field="arguments") from error
         return spec
 
     def load(self) -> type:
@@ -77,9 +76,8 @@ class ControllerSpec:
             raise ControllerError(f"has no class {name!r}", file=where, remedy=_REMEDY)
         for method in ("reset", "act"):
             if not callable(getattr(found, method, None)):
-                raise ControllerError(
-                    f"has no method {method!r}", file=self.target, remedy="see docs/guides/controllers.md"
-                )
+                wrong = f"has no method {method!r}"
+                raise ControllerError(wrong, file=self.target, remedy="see docs/guides/controllers.md")
         return found
 
     def make(self, task: TaskSpec | None = None, profile: RobotProfile | None = None) -> Controller:
@@ -172,9 +170,8 @@ def _parts(target: str) -> tuple[str, str]:
 
 def _name_of(kind: type) -> str:
     if "<locals>" in kind.__qualname__:
-        raise ControllerError(
-            "is defined inside a function, so worker processes cannot import it", field=kind.__qualname__
-        )
+        said = "is defined inside a function, so worker processes cannot import it"
+        raise ControllerError(said, field=kind.__qualname__)
     if kind.__module__ == "__main__":
         file = getattr(sys.modules["__main__"], "__file__", None)
         if file is None:

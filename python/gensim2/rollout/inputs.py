@@ -287,11 +287,8 @@ def of_these_objects(
             skipped[name] = error
     if len(skipped) == len(named):
         name, first = next(iter(skipped.items()))
-        raise InputError(
-            f"no task can be run on these objects; for example, {name}: {first.message}",
-            field=first.field,
-            remedy=first.remedy,
-        )
+        wrong = f"no task can be run on these objects; for example, {name}: {first.message}"
+        raise InputError(wrong, field=first.field, remedy=first.remedy)
     reasons = {name: reason.message for name, reason in skipped.items()}
     return tuple(name for name in named if name not in skipped), reasons
 

@@ -46,9 +46,8 @@ def told_turns(
     steps = {step.name: step for step in task.steps}
     for name, _ in begun:
         if name not in steps:
-            raise ControllerError(
-                f"{name!r} is not a step of the task; the steps are: {', '.join(steps)}", field="turn"
-            )
+            wrong = f"{name!r} is not a step of the task; the steps are: {', '.join(steps)}"
+            raise ControllerError(wrong, field="turn")
     ends = [first for _, first in begun[1:]] + [len(trace) - 1]
     return tuple(_turn(steps[name], trace, first, last, every) for (name, first), last in zip(begun, ends, strict=True))
 

@@ -95,11 +95,8 @@ def _words(words: object) -> Sequence[str]:
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
         raise InputError(f"must be text or a list of texts, but is {words!r}", field="instances")
     if "random" in words:
-        raise InputError(
-            "'random' is available only for runs, because the seed of a run selects the object",
-            field="instances",
-            remedy="use 'all': each reset then selects an object at random",
-        )
+        wrong = "'random' is available only for runs, because the seed of a run selects the object"
+        raise InputError(wrong, field="instances", remedy="use 'all': each reset then selects an object at random")
     return words
 
 

@@ -210,11 +210,8 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
         for name in _ONLY_SAPIEN:
             value, default = getattr(switches, name), getattr(usual, name)
             if value != default:
-                raise InputError(
-                    f"only the engine sapien supports {name}={value}, but the engine is {found}",
-                    field="physics",
-                    remedy=f"leave {name} at {default}, or use sapien",
-                )
+                wrong = f"only the engine sapien supports {name}={value}, but the engine is {found}"
+                raise InputError(wrong, field="physics", remedy=f"leave {name} at {default}, or use sapien")
     return found
 
 

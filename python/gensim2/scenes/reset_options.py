@@ -55,9 +55,8 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             _check(option, value, option)
             found[names[0]][option] = value
         else:
-            raise InputError(
-                "must be a mapping from the name of each object to its value", field=option, remedy=", ".join(names)
-            )
+            wrong = "must be a mapping from the name of each object to its value"
+            raise InputError(wrong, field=option, remedy=", ".join(names))
     for given in found.values():
         if "offset" in given and "pose" in given:
             raise InputError("must not be given together with pose", field="offset")

@@ -138,19 +138,13 @@ class GenSim2Env(RaycastObservations):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         if sampler.engine != "sapien":
             remedy = "use gensim2.HeadlessEnv, or leave engine out"
-            raise InputError(
-                f"the registered environments need the engine sapien, not {sampler.engine}",
-                field="engine",
-                remedy=remedy,
-            )
+            said = f"the registered environments need the engine sapien, not {sampler.engine}"
+            raise InputError(said, field="engine", remedy=remedy)
         self.physics = named_physics(sampler.physics)
         self.metadata = {**self.metadata, "render_fps": self.profile.control_hz}
         if robot_uids not in (None, self.profile.agent):
-            raise InputError(
-                f"must be {self.profile.agent!r}, the agent of the environment's robot, not {robot_uids!r}",
-                field="robot_uids",
-                remedy="select the robot with the argument robot",
-            )
+            said = f"must be {self.profile.agent!r}, the agent of the environment's robot, not {robot_uids!r}"
+            raise InputError(said, field="robot_uids", remedy="select the robot with the argument robot")
         agents.register(self.profile)
         self._spec: EnvSpec | None = None
         self._seen = ObservationSpec.of(observation) if obs_mode == RAYCAST else None

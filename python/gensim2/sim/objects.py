@@ -78,15 +78,13 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
     where = instance.urdf
     names = [_joint_name(joint) for joint in articulation.active_joints]
     if names != [instance.joint.name]:
-        raise InputError(
-            f"the only movable joint must be {instance.joint.name!r}, but the movable joints are {names}", file=where
-        )
+        wrong = f"the only movable joint must be {instance.joint.name!r}, but the movable joints are {names}"
+        raise InputError(wrong, file=where)
     limits = np.asarray(articulation.qlimits[0], dtype=np.float64)
     expected = np.array([instance.joint.lower, instance.joint.upper])
     if not np.allclose(limits, expected, atol=1e-5):
-        raise InputError(
-            f"the joint limits must be {expected}, but SAPIEN reads {limits}", file=where, field=instance.joint.name
-        )
+        wrong = f"the joint limits must be {expected}, but SAPIEN reads {limits}"
+        raise InputError(wrong, file=where, field=instance.joint.name)
     for link in articulation.links:
         name, shapes = link_name(link), link.collision_shapes
         promised, present = len(instance.hulls.get(name, ())), len(shapes)
@@ -113,9 +111,8 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
                 warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when the physics engine processed it")
     unknown = set(instance.hulls) - {link_name(link) for link in articulation.links}
     if unknown:
-        raise InputError(
-            f"the file lacks the links {sorted(unknown)}, for which the object has collision hulls", file=where
-        )
+        wrong = f"the file lacks the links {sorted(unknown)}, for which the object has collision hulls"
+        raise InputError(wrong, file=where)
     return tuple(warnings)
 
 

@@ -83,9 +83,8 @@ def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
     needs_pictures = obs_mode not in (None, "none", "state", "state_dict")
     if asked == "none":
         if needs_pictures:
-            raise InputError(
-                f"obs_mode {obs_mode!r} needs rendering", field="render_backend", remedy=f"use {WITHOUT_RENDERER}"
-            )
+            wrong = f"obs_mode {obs_mode!r} needs rendering"
+            raise InputError(wrong, field="render_backend", remedy=f"use {WITHOUT_RENDERER}")
         return "none"
     if asked != "auto":
         return asked

@@ -89,11 +89,8 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
     """
     if len(shapes) != len(rigid.hulls[BODY]):
         lost = len(rigid.hulls[BODY]) - len(shapes)
-        raise InputError(
-            f"{lost} of {len(rigid.hulls[BODY])} collision hulls were dropped by the physics engine",
-            file=rigid.folder,
-            remedy="a hull may be flat or tiny: remove it or make it thicker",
-        )
+        wrong = f"{lost} of {len(rigid.hulls[BODY])} collision hulls were dropped by the physics engine"
+        raise InputError(wrong, file=rigid.folder, remedy="a hull may be flat or tiny: remove it or make it thicker")
     for index, (hull, shape) in enumerate(zip(rigid.hulls[BODY], shapes, strict=True)):
         lost_m, grown = cooking_misfit(hull, shape)
         if not cooking_is_fair(hull, lost_m, grown):

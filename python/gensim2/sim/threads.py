@@ -55,9 +55,8 @@ class ThreadVectorEnv(SyncVectorEnv):
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
         if len(seeds) != self.num_envs:
-            raise InputError(
-                f"must contain {self.num_envs} seeds, one for each environment, but contains {len(seeds)}", field="seed"
-            )
+            wrong = f"must contain {self.num_envs} seeds, one for each environment, but contains {len(seeds)}"
+            raise InputError(wrong, field="seed")
         made = self._threads.map(
             lambda pair: pair[0].reset(seed=pair[1], options=options), zip(self.envs, seeds, strict=True)
         )

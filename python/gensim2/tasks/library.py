@@ -97,11 +97,8 @@ def _user_shelf() -> Traversable | None:
 
 def _require_library(path: Path) -> None:
     if path.exists() and not path.is_dir() and path.suffix != ".zip":
-        raise InputError(
-            "the task library must be a folder or a .zip file",
-            file=path,
-            remedy="give a library that gensim2 tasks export has written",
-        )
+        wrong = "the task library must be a folder or a .zip file"
+        raise InputError(wrong, file=path, remedy="give a library that gensim2 tasks export has written")
 
 
 def _suite() -> Traversable:
@@ -133,9 +130,8 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
     if not found:
         known = sorted({str(origin_of(load_task(name))) for name in task_names()})
-        raise InputError(
-            f"no task of the library has the origin {origin!r}", field="origin", remedy=near(origin, known)
-        )
+        wrong = f"no task of the library has the origin {origin!r}"
+        raise InputError(wrong, field="origin", remedy=near(origin, known))
     return found
 
 
@@ -197,11 +193,8 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
     source = folder / TASK_FILE
     task = parse_task(_read(source), str(source))
     if task.name != name:
-        raise InputError(
-            f"the task must have the same name as its folder, {name!r}, but its name is {task.name!r}",
-            file=str(source),
-            field="name",
-        )
+        wrong = f"the task must have the same name as its folder, {name!r}, but its name is {task.name!r}"
+        raise InputError(wrong, file=str(source), field="name")
     return task
 
 

@@ -86,9 +86,8 @@ class Memory:
         if self._folder is None:
             raise InputError("the user library is disabled", field="library", remedy="give a folder instead of 'none'")
         if self._folder.is_file():
-            raise InputError(
-                "the library is an archive, which is read-only; give a folder", file=self._folder, field="library"
-            )
+            wrong = "the library is an archive, which is read-only; give a folder"
+            raise InputError(wrong, file=self._folder, field="library")
         return self._folder
 
     @property
@@ -138,9 +137,8 @@ class Memory:
         kept = _with_verification(task, verification)
         missing = [name for name in strategies_of(kept) if name not in strategies]
         if missing:
-            raise InputError(
-                f"the task {task.name} uses the strategy {missing[0]!r}, which was not given", field="strategies"
-            )
+            wrong = f"the task {task.name} uses the strategy {missing[0]!r}, which was not given"
+            raise InputError(wrong, field="strategies")
         ways = {name: dict(strategies[name]) for name in strategies_of(kept)}
         with self._locked():
             if self._has(kept, ways):

@@ -46,7 +46,6 @@ def preset(name: object) -> Preset:
         InputError: no preset has this name.
     """
     if not isinstance(name, str) or name not in _PRESETS:
-        raise InputError(
-            f"unknown randomization {name!r:.80}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
-        )
+        wrong = f"unknown randomization {name!r:.80}"
+        raise InputError(wrong, field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}")
     return _PRESETS[name]

@@ -39,11 +39,8 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or not 0.0 < self.marker < self.square < 1.0:
-            raise InputError(
-                "must have at least 3 x 3 squares, and markers smaller than the squares",
-                field="board",
-                remedy="for example 7x5:0.04:0.03",
-            )
+            wrong = "must have at least 3 x 3 squares, and markers smaller than the squares"
+            raise InputError(wrong, field="board", remedy="for example 7x5:0.04:0.03")
 
     @staticmethod
     def parse(text: str) -> Board:
@@ -57,11 +54,8 @@ class Board:
             columns, rows = size.split("x")
             return Board(int(columns), int(rows), float(square), float(marker))
         except ValueError as error:
-            raise InputError(
-                f"must be a valid board COLUMNSxROWS:SQUARE:MARKER with lengths in m, but is {text!r}",
-                field="--board",
-                remedy="for example 7x5:0.04:0.03",
-            ) from error
+            wrong = f"must be a valid board COLUMNSxROWS:SQUARE:MARKER with lengths in m, but is {text!r}"
+            raise InputError(wrong, field="--board", remedy="for example 7x5:0.04:0.03") from error
 
     def charuco(self) -> Any:
         import cv2

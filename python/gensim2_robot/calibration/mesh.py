@@ -389,11 +389,8 @@ def calibrate(
         InputError: there are too few or too many images, an image has a wrong size, or a link carries the camera.
     """
     if camera.link is not None:
-        raise InputError(
-            f"this calibration needs a camera at a fixed place, but the camera is on the robot's link {camera.link}",
-            field=camera.name,
-            remedy="calibrate the camera with a board",
-        )
+        wrong = f"this calibration needs a camera at a fixed place, but the camera is on the robot's link {camera.link}"
+        raise InputError(wrong, field=camera.name, remedy="calibrate the camera with a board")
     if not LEAST_VIEWS <= len(views) <= MAX_VIEWS or not held_out:
         raise InputError(
             f"the calibration needs {LEAST_VIEWS} to {MAX_VIEWS} images for the fit and at least one for validation, "

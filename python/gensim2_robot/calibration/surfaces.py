@@ -99,7 +99,5 @@ def check_views(camera: Camera, views: Sequence[ArmView]) -> None:
     """
     for view in views:
         if view.depth.shape != (camera.height, camera.width):
-            raise InputError(
-                f"has the shape {view.depth.shape}, but the camera's images have ({camera.height}, {camera.width})",
-                field=f"{camera.name}.depth",
-            )
+            wrong = f"has the shape {view.depth.shape}, but the camera's images have ({camera.height}, {camera.width})"
+            raise InputError(wrong, field=f"{camera.name}.depth")

@@ -174,11 +174,8 @@ def trial(
 
     asked, arguments = read_protocol(protocol), line_of(given)
     if not moves(arguments, move):
-        raise InputError(
-            "is required, because a trial moves the arm",
-            field="--move",
-            remedy="to test without moving the arm, use gensim2 robot dry-run",
-        )
+        wrong = "is required, because a trial moves the arm"
+        raise InputError(wrong, field="--move", remedy="to test without moving the arm, use gensim2 robot dry-run")
     where = out or Path("runs") / time.strftime("trials-%Y%m%d-%H%M%S")
     with contextlib.ExitStack() as stack:
         watching = []

@@ -162,11 +162,8 @@ def moves(given: dict[str, Any], move: bool) -> bool:
         click.echo("This is a dry run: no command is sent to the arm. Give --move to move the arm.", err=True)
         return False
     if not sys.stdin.isatty():
-        raise InputError(
-            "a person must confirm the motion at a terminal",
-            field="--move",
-            remedy="leave the option out for a dry run",
-        )
+        wrong = "a person must confirm the motion at a terminal"
+        raise InputError(wrong, field="--move", remedy="leave the option out for a dry run")
     click.echo(
         "This program stops the arm by software only, and this stop is not safety-rated. Is the emergency stop within "
         "reach? Did you test the emergency stop today? Is everybody outside the arm's reach?",

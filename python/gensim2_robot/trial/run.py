@@ -161,9 +161,8 @@ def trial(
     """
     config, scene = LineConfig.split(line)
     if verdict == "simulator" and not config.is_simulated:
-        raise InputError(
-            "a simulator cannot judge trials on a real arm", field="--verdict", remedy="give --verdict person"
-        )
+        wrong = "a simulator cannot judge trials on a real arm"
+        raise InputError(wrong, field="--verdict", remedy="give --verdict person")
     if person is None and verdict == "person":
         raise InputError("the name of a person must be given, because a person judges the trials", field="person")
     given = read_task_input(protocol.task, seed=config.seed, **scene)
@@ -209,9 +208,8 @@ def trial(
                 raise TrialsEndedError(f"trial {course.current.number} did not start: {watch.reason}")
             course.halted(str(watch.state), watch.reason)
             if not config.is_simulated:
-                raise TrialsEndedError(
-                    f"the watchdog changed to the state '{watch.state}'; check the arm, then continue with --resume"
-                )
+                wrong = f"the watchdog changed to the state '{watch.state}'; check the arm, then continue with --resume"
+                raise TrialsEndedError(wrong)
     finally:
         kept.release()
         if course.unwritten is None:

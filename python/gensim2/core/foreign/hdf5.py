@@ -72,9 +72,8 @@ def dataset_in(
         raise ForeignHdf5Error(f"{path} is not an array")
     found, size = item.dtype, item.shape
     if size is None or (found.kind not in "biuf" if dtype is None else found != np.dtype(dtype)):
-        raise ForeignHdf5Error(
-            f"{path} contains {_shown(found)}, but must contain {'numbers' if dtype is None else np.dtype(dtype)}"
-        )
+        wrong = f"{path} contains {_shown(found)}, but must contain {'numbers' if dtype is None else np.dtype(dtype)}"
+        raise ForeignHdf5Error(wrong)
     if shape is not None and not fits(size, shape):
         raise ForeignHdf5Error(f"{path} has the shape {size}, not {shown_shape(shape)}")
     chunk = item.chunks or ()

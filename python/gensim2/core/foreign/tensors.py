@@ -112,11 +112,8 @@ def require_shapes(path: Path, found: Mapping[str, Shape], expected: Mapping[str
     for name, shape in expected.items():
         if found.get(name) != shape:
             there = f"has the type and shape {found[name]}" if name in found else "is missing"
-            raise InputError(
-                f"{MISMATCH}: the tensor {name} {there}; the expected type and shape are {shape}",
-                file=path,
-                remedy=remedy,
-            )
+            wrong = f"{MISMATCH}: the tensor {name} {there}; the expected type and shape are {shape}"
+            raise InputError(wrong, file=path, remedy=remedy)
     for name in found:
         if name not in expected:
             raise InputError(f"{MISMATCH}: the tensor {name} is unknown", file=path, remedy=remedy)

@@ -204,9 +204,8 @@ class ForeignTree:
         for path in self._walk(self.path / under):
             found.append(path.relative_to(self.path).parts)
             if len(found) > self.MAX_FILES:
-                raise self.ERROR(
-                    f"holds over {self.MAX_FILES} files", file=self.path, remedy="remove files that do not belong there"
-                )
+                wrong = f"holds over {self.MAX_FILES} files"
+                raise self.ERROR(wrong, file=self.path, remedy="remove files that do not belong there")
         return [str(Path(*parts)) for parts in sorted(found)]
 
     def sizes(self) -> dict[str, int]:

@@ -48,9 +48,8 @@ def check_address(address: str) -> None:
         MissingExtraError: Ray is not installed.
     """
     if not _ADDRESS.fullmatch(address):
-        raise InputError(
-            f"{address!r} is not a Ray address", field="--ray", remedy="local, auto, or HOST:PORT of the head node"
-        )
+        wrong = f"{address!r} is not a Ray address"
+        raise InputError(wrong, field="--ray", remedy="local, auto, or HOST:PORT of the head node")
     if importlib.util.find_spec("ray") is None:
         raise MissingExtraError("ray", "ray")
 

@@ -60,10 +60,8 @@ def frames_of(
     states = recording.env_states.get("articulations", {}).get(profile.agent)
     joints = len(profile.model.joint_names)
     if states is None or states.shape[1] != FIRST_JOINT + 2 * joints:
-        raise InputError(
-            f"the recorded states do not fit the robot {profile.name}, or are missing",
-            field=f"articulations.{profile.agent}",
-        )
+        wrong = f"the recorded states do not fit the robot {profile.name}, or are missing"
+        raise InputError(wrong, field=f"articulations.{profile.agent}")
     if recording.actions.shape[1] != len(profile.arm_joints) + 1:
         raise InputError(
             f"has {recording.actions.shape[1]} numbers per step, but the robot {profile.name} needs "

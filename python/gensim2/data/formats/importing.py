@@ -114,11 +114,8 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
             said = (
                 "has no frames in the export" if theirs is None else f"differs from the original in {NATIVE}/ ({wrong})"
             )
-            raise InputError(
-                f"episode {count} {said}; a file of the export was changed or removed after the export",
-                file=path,
-                remedy="export again",
-            )
+            problem = f"episode {count} {said}; a file of the export was changed or removed after the export"
+            raise InputError(problem, file=path, remedy="export again")
         count += 1
         observed |= dict.fromkeys(name for name in theirs.columns if name not in ours.columns)
     if next(found, None) is not None:

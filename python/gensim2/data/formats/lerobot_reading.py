@@ -117,12 +117,8 @@ def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: 
         for _ in feature.shape if tuple(feature.shape) != (1,) else ():
             kind = kind.value_type
         if kind != arrow.type_for_alias(feature.dtype):
-            raise InputError(
-                f"the column has the type {kind}, but meta/info.json says {feature.dtype}",
-                file=path,
-                field=name,
-                remedy=REMEDY,
-            )
+            wrong = f"the column has the type {kind}, but meta/info.json says {feature.dtype}"
+            raise InputError(wrong, file=path, field=name, remedy=REMEDY)
 
 
 def _row_group(file: Any, group: int, shapes: dict[str, tuple[int, ...]], path: Path) -> dict[str, Array]:

@@ -107,12 +107,8 @@ def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
         return None
     for name, record in manifest.files.items():
         if name not in sizes:
-            raise InputError(
-                "this file does not exist, although the manifest lists it",
-                file=path / MANIFEST,
-                field=name,
-                remedy=REMEDY,
-            )
+            wrong = "this file does not exist, although the manifest lists it"
+            raise InputError(wrong, file=path / MANIFEST, field=name, remedy=REMEDY)
         if sizes[name] != record.size or _digest(path / name) != record.sha256:
             raise InputError("was changed since it was exported", file=path / name, remedy=REMEDY)
     return manifest

@@ -73,19 +73,15 @@ class ZarrWriter:
             InputError: a key is missing, new or invalid, or its array's shape differs from earlier episodes.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
-            raise InputError(
-                f"the episode has the keys {sorted(frames)}, but earlier episodes have {sorted(self._arrays)}",
-                field="frames",
-            )
+            wrong = f"the episode has the keys {sorted(frames)}, but earlier episodes have {sorted(self._arrays)}"
+            raise InputError(wrong, field="frames")
         for key, values in frames.items():
             if key not in self._arrays:
                 self._arrays[key] = self._created(checked_name(key, field="frames"), values)
             array = self._arrays[key]
             if values.shape[1:] != array.shape[1:]:
-                raise InputError(
-                    f"the shape of a frame is {values.shape[1:]}, but in earlier episodes it is {array.shape[1:]}",
-                    field=key,
-                )
+                wrong = f"the shape of a frame is {values.shape[1:]}, but in earlier episodes it is {array.shape[1:]}"
+                raise InputError(wrong, field=key)
             array.append(np.ascontiguousarray(values))
         self._frames += len(next(iter(frames.values())))
         index = self._tasks.setdefault(task, len(self._tasks))

@@ -97,11 +97,8 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
         prefix = formerly_nested(parts[1]) if len(parts) == 4 else None
         column = parts[1] if len(parts) == 3 else None if prefix is None else prefix + current(parts[2])
         if column is None or not is_name(column):
-            raise InputError(
-                "the path of an array must be data/NAME, where NAME is a valid name",
-                file=tree.path / folder,
-                remedy=REMEDY,
-            )
+            wrong = "the path of an array must be data/NAME, where NAME is a valid name"
+            raise InputError(wrong, file=tree.path / folder, remedy=REMEDY)
         found[column] = folder
     return found
 

@@ -51,10 +51,8 @@ class Client:
             logging.getLogger(name).setLevel(logging.WARNING)
         self._key = options.key
         if self._key is not None and not self._key.can_be_sent:
-            raise InputError(
-                "is not a valid key: it contains spaces, line breaks or unusual characters",
-                field=f"${options.key_variable}",
-            )
+            wrong = "is not a valid key: it contains spaces, line breaks or unusual characters"
+            raise InputError(wrong, field=f"${options.key_variable}")
         self._url = options.address
         if self._key is None and self._url is None:
             remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
@@ -77,9 +75,8 @@ class Client:
             ImportError,
             self._openai.OpenAIError,
         ) as error:  # raised, for example, if the proxy settings are invalid
-            raise InputError(
-                f"no connection to the model can be made: {self._boundary.text(str(error))}", field="designer"
-            ) from None
+            wrong = f"no connection to the model can be made: {self._boundary.text(str(error))}"
+            raise InputError(wrong, field="designer") from None
 
     @property
     def endpoint(self) -> str:

@@ -77,9 +77,8 @@ class Ledger:
         with self._lock:
             spent, max_cost = self.account.cost or 0.0, max_cost or 0.0
             if self.budget is not None and spent + self._reserved + max_cost > self.budget:
-                raise BudgetSpent(
-                    f"{spent:.4f} of {self.budget:g} USD are spent, and the next question might cost {max_cost:.4f}"
-                )
+                wrong = f"{spent:.4f} of {self.budget:g} USD are spent, and the next question might cost {max_cost:.4f}"
+                raise BudgetSpent(wrong)
             self._reserved += max_cost
 
     def release(self, max_cost: float | None) -> None:

@@ -195,9 +195,8 @@ class Prompts:
             return template.render(**values).strip() + "\n"
         except (jinja2.TemplateError, *_OF_ITS_OWN) as error:
             file = (self._folder or Path("prompts")) / (prompt + SUFFIX)
-            raise InputError(
-                f"the template cannot be filled in: {str(error) or type(error).__name__}", file=file
-            ) from error
+            wrong = f"the template cannot be filled in: {str(error) or type(error).__name__}"
+            raise InputError(wrong, file=file) from error
 
 
 def quoted(text: str) -> str:
@@ -240,9 +239,8 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name.startswith(".") or path.name == "README.md":
             continue
         if path.name not in known:
-            raise InputError(
-                "the file does not have the name of a prompt", file=path, remedy=near(path.name, sorted(known))
-            )
+            wrong = "the file does not have the name of a prompt"
+            raise InputError(wrong, file=path, remedy=near(path.name, sorted(known)))
         try:
             found[path.name] = read_input(path, MAX_PROMPT).decode()
         except UnicodeDecodeError as error:

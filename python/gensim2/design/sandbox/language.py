@@ -225,9 +225,8 @@ class _Plain:
             raise ValueError("values are nested too deeply")
         if isinstance(value, Object):
             if value.name is None:
-                raise ValueError(
-                    "an object was used before it was assigned to an attribute; first write self.name = Object(...)"
-                )
+                wrong = "an object was used before it was assigned to an attribute; first write self.name = Object(...)"
+                raise ValueError(wrong)
             return value.name
         if isinstance(value, Fields):
             return self.of(value.given, depth)

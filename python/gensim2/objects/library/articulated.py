@@ -69,10 +69,8 @@ class GeneratedShelf(ArticulatedShelf):
         """Sample ``count`` different ids (numbers up to 10^6), excluding the built-in instances."""
         first = len(self.instances(asset_class))
         if not 0 <= count <= LARGEST_NUMBER + 1 - first:
-            raise InputError(
-                f"{count} different objects cannot be sampled, because there are only {LARGEST_NUMBER + 1 - first}",
-                field="random",
-            )
+            wrong = f"{count} different objects cannot be sampled, because there are only {LARGEST_NUMBER + 1 - first}"
+            raise InputError(wrong, field="random")
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
         return tuple(str(first + int(number)) for number in sorted(drawn))
 

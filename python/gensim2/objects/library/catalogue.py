@@ -93,11 +93,8 @@ class Library:
 
     def _shelf(self, asset_class: str) -> Shelf:
         if asset_class not in self._shelves:
-            raise InputError(
-                f"the library {self.name} has no class {reprlib.repr(asset_class)}",
-                field="class",
-                remedy=near(asset_class, tuple({**self._own, **self._shelves})),
-            )
+            wrong = f"the library {self.name} has no class {reprlib.repr(asset_class)}"
+            raise InputError(wrong, field="class", remedy=near(asset_class, tuple({**self._own, **self._shelves})))
         return self._shelves[asset_class]
 
     def classes(self, kind: Kind | None = None) -> tuple[str, ...]:
@@ -181,11 +178,8 @@ class Library:
     def _check(self, asset_class: str, instance_id: str) -> None:
         shelf = self._shelf(asset_class)
         if not shelf.holds(asset_class, instance_id):
-            raise InputError(
-                f"no instance {reprlib.repr(instance_id)} of {asset_class} in library {self.name}",
-                field="instance",
-                remedy=shelf.remedy(asset_class, instance_id),
-            )
+            wrong = f"no instance {reprlib.repr(instance_id)} of {asset_class} in library {self.name}"
+            raise InputError(wrong, field="instance", remedy=shelf.remedy(asset_class, instance_id))
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
         """Return the training (90 %) or test (10 %) ids of a class, divided with a fixed seed; with fewer than 10
@@ -346,9 +340,8 @@ def open_library(where: Path | str | None = None) -> Library:
     known: set[str] = set()
     for shelf in shelves:
         for name in known.intersection(shelf.classes()):
-            raise AssetError(
-                "the name belongs to both an articulated class and a rigid object", file=folder, field=name
-            )
+            wrong = "the name belongs to both an articulated class and a rigid object"
+            raise AssetError(wrong, file=folder, field=name)
         known.update(shelf.classes())
     return Library(folder.resolve().name, str(folder.resolve()), shelves, GeneratedRigidShelf())
 

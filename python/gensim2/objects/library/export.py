@@ -71,9 +71,8 @@ def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
-        raise InputError(
-            f"cannot write: {error.strerror or error}", file=target, remedy="choose another folder with --out"
-        ) from error
+        wrong = f"cannot write: {error.strerror or error}"
+        raise InputError(wrong, file=target, remedy="choose another folder with --out") from error
     return target
 
 

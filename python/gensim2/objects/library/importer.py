@@ -200,9 +200,8 @@ def _checked(name: str, values: Sequence[float]) -> Array:
     except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (3,) or not (np.abs(found) <= LARGEST_VALUE).all():
-        raise InputError(
-            f"{reprlib.repr(values)} is not a list of three numbers", field=field, remedy="give x, y and z"
-        )
+        wrong = f"{reprlib.repr(values)} is not a list of three numbers"
+        raise InputError(wrong, field=field, remedy="give x, y and z")
     return found
 
 
@@ -281,12 +280,8 @@ class _Source:
             raise AssetError("the file has no movable joint", file=self.file, field="joint")
         if name is not None:
             if name not in movable:
-                raise AssetError(
-                    f"the file has no movable joint {reprlib.repr(name)}",
-                    file=self.file,
-                    field="joint",
-                    remedy=f"choose one of {listed}",
-                )
+                wrong = f"the file has no movable joint {reprlib.repr(name)}"
+                raise AssetError(wrong, file=self.file, field="joint", remedy=f"choose one of {listed}")
             return movable[name]
         known = JOINT_TYPES.get(self.asset_class)
         fitting = [j for j in movable.values() if known in (None, _kind(j))]

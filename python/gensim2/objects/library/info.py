@@ -63,9 +63,8 @@ def read_info(folder: ObjectFolder) -> Info:
     if not isinstance(points, dict) or not points:
         raise AssetError("no keypoints", file=file, field="keypoints", remedy="name at least one point")
     if len(points) > MAX_KEYPOINTS:
-        raise AssetError(
-            f"the file has {len(points)} keypoints, more than {MAX_KEYPOINTS}", file=file, field="keypoints"
-        )
+        wrong = f"the file has {len(points)} keypoints, more than {MAX_KEYPOINTS}"
+        raise AssetError(wrong, file=file, field="keypoints")
     keypoints = {
         plain_name(name, file, "keypoints"): numbers(point, 3, file, f"keypoints.{name}")
         for name, point in points.items()
@@ -153,12 +152,8 @@ def _range(value: Any, file: Path) -> tuple[float, float]:
 
 def _convex(value: Any, file: Path) -> bool:
     if value not in (None, "convex"):
-        raise AssetError(
-            f"the value {reprlib.repr(value)} is not supported",
-            file=file,
-            field="collision",
-            remedy='use "convex", or leave the field out',
-        )
+        wrong = f"the value {reprlib.repr(value)} is not supported"
+        raise AssetError(wrong, file=file, field="collision", remedy='use "convex", or leave the field out')
     return value is not None
 
 

@@ -168,12 +168,8 @@ class MeshReader:
         found = [Mesh(scale * transform(place, element.scale * m.vertices), m.faces, m.look) for m in meshes]
         self._triangles += sum(len(m.faces) for m in found)
         if self._triangles > MAX_TRIANGLES:
-            raise AssetError(
-                f"its meshes have over {MAX_TRIANGLES:,} triangles",
-                file=self._folder.path / URDF,
-                field=element.field,
-                remedy="simplify them",
-            )
+            wrong = f"its meshes have over {MAX_TRIANGLES:,} triangles"
+            raise AssetError(wrong, file=self._folder.path / URDF, field=element.field, remedy="simplify them")
         return found
 
     def _meshes(self, name: str, field: str) -> list[Mesh]:

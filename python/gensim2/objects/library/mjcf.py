@@ -83,9 +83,8 @@ class _Converter:
         """Parse a file of the folder, and replace each ``include`` element by the content of the included file."""
         content = self._tree.read(name, MAX_URDF)
         if b"<!" in content.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
-            raise AssetError(
-                "the file declares a document type or entities", file=self._tree.path / name, remedy="remove them"
-            )
+            wrong = "the file declares a document type or entities"
+            raise AssetError(wrong, file=self._tree.path / name, remedy="remove them")
         try:
             root = ET.XML(content)
         except (ET.ParseError, ValueError, LookupError) as error:
@@ -95,11 +94,8 @@ class _Converter:
                 if child.tag == "include":
                     file = str(child.get("file"))
                     if file in self._included or len(self._included) >= MAX_INCLUDES:
-                        raise AssetError(
-                            f"either the file is included twice, or more than {MAX_INCLUDES} files are included",
-                            file=self._file,
-                            field=file[:80],
-                        )
+                        wrong = f"either the file is included twice, or more than {MAX_INCLUDES} files are included"
+                        raise AssetError(wrong, file=self._file, field=file[:80])
                     self._included.add(file)
                     parent[place : place + 1] = list(self._read(file))
         for element in root.iter():
@@ -123,9 +119,8 @@ class _Converter:
                 wrong = "contains NaN instead of a number"
                 raise AssetError(wrong, file=self._file, field=f"<{element.tag}> {name[:40]}")
         if "builtin" in element.attrib:  # Built-in meshes are refused, because they can have any number of triangles.
-            raise AssetError(
-                "cannot be imported", file=self._file, field=f"<{element.tag} builtin>", remedy="use a file"
-            )
+            said = "cannot be imported"
+            raise AssetError(said, file=self._file, field=f"<{element.tag} builtin>", remedy="use a file")
         for child in list(element):
             if child.tag in DECORATION or (in_default and child.tag not in ELEMENTS):
                 element.remove(child)
@@ -209,9 +204,8 @@ class _Converter:
         model, name = self._model, self._model.joint(joint).name
         if model.jnt_type[joint] not in (self._hinge, self._slide):
             remedy = "use only hinges and slides; the root body may be free"
-            raise AssetError(
-                "a ball or free joint cannot be imported", file=self._file, field=f"joint {name[:80]}", remedy=remedy
-            )
+            wrong = "a ball or free joint cannot be imported"
+            raise AssetError(wrong, file=self._file, field=f"joint {name[:80]}", remedy=remedy)
         slides = model.jnt_type[joint] == self._slide
         kind = "prismatic" if slides else "revolute" if model.jnt_limited[joint] else "continuous"
         element = self._urdf.join(kind, self._urdf.name(name, "joint"), parent, child, T)
@@ -259,9 +253,8 @@ class _Converter:
         else:
             remedy = "use boxes, spheres, cylinders, capsules or meshes"
             field = f"geom {model.geom(geom).name[:80]}".strip()
-            raise AssetError(
-                "the shape has a type that cannot be imported", file=self._file, field=field, remedy=remedy
-            )
+            wrong = "the shape has a type that cannot be imported"
+            raise AssetError(wrong, file=self._file, field=field, remedy=remedy)
 
 
 def _pose(position: Array, quaternion: Array) -> Array:

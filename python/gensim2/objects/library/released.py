@@ -182,12 +182,8 @@ def read_model(
     joint = movable_joint(urdf)
     axis = unit_axis(joint, urdf.file)
     if joint.child == ROOT_LINK:
-        raise AssetError(
-            f"the moving link must not be named {ROOT_LINK!r}, because this name is reserved for the fixed link",
-            file=urdf.file,
-            field=f"link {ROOT_LINK}",
-            remedy="rename the moving link",
-        )
+        wrong = f"the moving link must not be named {ROOT_LINK!r}, because this name is reserved for the fixed link"
+        raise AssetError(wrong, file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename the moving link")
     kind: Literal["revolute", "prismatic"] = "revolute" if joint.type == "revolute" else "prismatic"
     if expected_type and expected_type != kind:
         warnings.append(f"joint is {kind}, the class is known as {expected_type}")

@@ -326,9 +326,8 @@ def load_from_meshes(
         warnings.append(f"{SEEN} cannot be read, so there is no visual mesh: {shortened(str(error))}")
     hulls, counts = cached_hulls(f"rigid-{entry}", lambda: _hulls(pieces, rule))
     if not hulls:
-        raise AssetError(
-            "the file has no usable collision part", file=file, remedy="check the size and the scale of the object"
-        )
+        wrong = "the file has no usable collision part"
+        raise AssetError(wrong, file=file, remedy="check the size and the scale of the object")
     if counts["dropped"]:
         warnings.append(f"{counts['dropped']} parts of {collision} under 1 mm are left out")
     model = RigidModel(

@@ -167,16 +167,12 @@ def _refuse_mimic_loops(joints: dict[str, UrdfJoint], file: Path) -> None:
                 raise AssetError(f"no joint {reprlib.repr(leader)}", file=file, field=f"joint {chain[-1]}: mimic")
             if leader in chain:
                 loop = " -> ".join([*chain[-3:], leader])
-                raise AssetError(
-                    f"the joints mimic each other in a loop ({loop})", file=file, field=f"joint {leader}: mimic"
-                )
+                wrong = f"the joints mimic each other in a loop ({loop})"
+                raise AssetError(wrong, file=file, field=f"joint {leader}: mimic")
             chain.append(leader)
             if len(chain) > MAX_MIMICS:
-                raise AssetError(
-                    f"more than {MAX_MIMICS} joints mimic each other in a chain",
-                    file=file,
-                    field=f"joint {joint.name}: mimic",
-                )
+                wrong = f"more than {MAX_MIMICS} joints mimic each other in a chain"
+                raise AssetError(wrong, file=file, field=f"joint {joint.name}: mimic")
             leader = joints[leader].mimics
 
 
@@ -203,11 +199,8 @@ def _joint(written: Mapping[str, Any], file: Path) -> UrdfJoint:
 def _bounded(numbers: npt.ArrayLike, file: Path, field: str) -> Array:
     value = np.array(numbers, float)
     if not np.abs(value).max() <= LARGEST_VALUE:
-        raise AssetError(
-            f"contains a number of magnitude {np.abs(value).max():.3g}, but at most {LARGEST_VALUE:g} is permitted",
-            file=file,
-            field=field,
-        )
+        wrong = f"contains a number of magnitude {np.abs(value).max():.3g}, but at most {LARGEST_VALUE:g} is permitted"
+        raise AssetError(wrong, file=file, field=field)
     return value
 
 
@@ -301,23 +294,15 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:
-        raise AssetError(
-            f"the model has {len(movable)} movable joints instead of one",
-            file=urdf.file,
-            field="joint",
-            remedy="fix all joints but one",
-        )
+        wrong = f"the model has {len(movable)} movable joints instead of one"
+        raise AssetError(wrong, file=urdf.file, field="joint", remedy="fix all joints but one")
     joint = movable[0]
     field = f"joint {joint.name}"
     if joint.type not in ("revolute", "prismatic"):
         raise AssetError(f"unsupported type {reprlib.repr(joint.type)}", file=urdf.file, field=f"{field}: type")
     if joint.mimics is not None:
-        raise AssetError(
-            f"the joint mimics {joint.mimics}, which is a fixed joint",
-            file=urdf.file,
-            field=f"{field}: mimic",
-            remedy="remove the mimic element",
-        )
+        wrong = f"the joint mimics {joint.mimics}, which is a fixed joint"
+        raise AssetError(wrong, file=urdf.file, field=f"{field}: mimic", remedy="remove the mimic element")
     return joint
 
 

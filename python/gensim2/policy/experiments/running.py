@@ -201,10 +201,8 @@ def run_experiment(
     arms, skipped = runnable(record)
     if not arms:
         name, reason = next(iter(skipped.items()))
-        raise InputError(
-            f"no policy of the experiment can be trained with these objects; for example, {name}: {reason}",
-            field="assets",
-        )
+        wrong = f"no policy of the experiment can be trained with these objects; for example, {name}: {reason}"
+        raise InputError(wrong, field="assets")
     with ResumableFolder(out, EXPERIMENT_JSON, record, holds="an experiment", resume=resume, alone=False):
         from gensim2.policy.experiments.page import write_page
 

@@ -207,9 +207,8 @@ class RemoteController:
                 continue
             answer: Answer | Failure = read_message(found, expected, Failure, sender=self._server)
             if answer.number not in (None, self._number):
-                raise RemoteError(
-                    f"{self._server} answered request {answer.number}, but the last request was {self._number}"
-                )
+                wrong = f"{self._server} answered request {answer.number}, but the last request was {self._number}"
+                raise RemoteError(wrong)
             return answer
         raise TimeoutError
 
