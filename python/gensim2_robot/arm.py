@@ -236,9 +236,7 @@ class Streamer:
         return way * min(1.0, float((room / np.maximum(np.abs(way), _SAME)).min()))
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration (m,) from which a new motion starts: those of the present motion
-        if the last command is its sample, else the command's.
-        """
+        """Return the state (m,) from which a new motion starts: of the motion if the last command is on it."""
         if self._motion is not None and self.follows(sent, now):
             return self._motion.sample(now)
         return sent.q, sent.v, sent.a

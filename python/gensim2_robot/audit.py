@@ -37,10 +37,7 @@ def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
 
 
 def _too_near_an_end(q: Array, velocity: Array, limits: ArmLimits) -> npt.NDArray[np.bool_]:
-    """Return a mask (N,) of the commands that move too fast towards the end of a joint's range.
-
-    A command is too fast if ``(|v| + offset)^2 > gain * room``, with ``room`` to the joint's end.
-    """
+    """Return a mask (N,) of commands with ``(|v| + offset)^2 > gain * room``, too fast towards a joint's end."""
     if limits.braking is None:
         return np.zeros(len(q), dtype=bool)
     ends = limits.braking

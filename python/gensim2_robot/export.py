@@ -140,10 +140,7 @@ class _Film:
                 self._motions.append(self._motion)
 
     def moments(self, shares: Sequence[float]) -> set[int]:
-        """Return the frames at given shares of the joints' motion in the first episode, or in a log without one.
-
-        If the joints never move, the shares are shares of the time.
-        """
+        """Return the frames at shares of the joints' motion, or of the time without one, in the first episode."""
         whole = slice(self._begin, self._end)
         episode = whole if self.times[whole] else slice(None)
         motions, times = self._motions[episode], self.times[episode]

@@ -123,10 +123,7 @@ def require_robot(
 def _marked(
     depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16], near: float
 ) -> npt.NDArray[np.int16]:
-    """Return segmentation ids of the pixels whose depth agrees with the meshes at the pixel or at a neighbour.
-
-    Neighbours count, too, because stereo depth makes objects wider: pixels beside the robot may have its depth.
-    """
+    """Return ids of pixels with the depth of the meshes there or beside, because stereo makes objects wider."""
     found = np.where((ids > 0) & (np.abs(depth - meshes) < near), ids, np.int16(0))
     for here, there in (
         (np.s_[1:, :], np.s_[:-1, :]),

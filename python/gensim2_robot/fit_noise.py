@@ -203,10 +203,7 @@ class _Part:
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 
     def shadowed(self) -> tuple[float, int]:
-        """Return the fraction of pixels in stereo shadows without depth, and the pixels used.
-
-        A stereo shadow is the area beside the edge of an object that one camera of the stereo pair cannot see.
-        """
+        """Return the fraction without depth of pixels that only one stereo camera sees, and their number."""
         filled = self._median.copy()
         for row in filled:
             there = np.flatnonzero(row)

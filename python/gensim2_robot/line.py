@@ -410,9 +410,7 @@ class Line:
         self._note_standing(now)
 
     def _held(self, sent: Sent, due: float) -> Sent:
-        """Return the next braking command: along the planned path, or the checked stop if the last command is off the
-        path or braking on it takes too long.
-        """
+        """Return the next braking command: along the path, or the checked stop if off it or too slow."""
         if not self._braking:
             self._braking = True
             self._on_path = (

@@ -127,11 +127,7 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """Write all bytes of a block. On a full disk, remove the incomplete block and write it in the reserved space.
-
-        Raises:
-            OSError: the reserved space is full, too, or the file was removed.
-        """
+        """Write a block whole; on a full disk into the reserve; OSError if that is full or the file was removed."""
         block = bytes(data)
         try:
             self._put(block)

@@ -310,11 +310,7 @@ class Session:
         return self._given.spec.max_seconds * self._devices.arm.profile.control_hz / self._line.pace
 
     def _settle(self) -> float | None:
-        """Keep the arm in place until the scene has settled.
-
-        Returns:
-            Total time (s) of holds while the scene settled; None if no person resumed.
-        """
+        """Keep the arm in place until the scene has settled; return the time (s) of holds, None if not resumed."""
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         line.pause()
         since, sat_out = clock.now(), 0.0
@@ -375,14 +371,7 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _sat_out(self, since: float) -> float | None:
-        """Wait until a person resumes after the watchdog has held the arm.
-
-        Args:
-            since: time at which the watchdog held the arm, s.
-
-        Returns:
-            Duration (s) of the hold; None if the person did not resume. The time limits do not include this duration.
-        """
+        """Wait for a person to resume the arm held at ``since`` (s); return the hold's duration (s) or None."""
         self._come_to_rest()
         if not self._resumed():
             return None

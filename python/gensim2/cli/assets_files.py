@@ -210,12 +210,7 @@ def import_(
 
 
 def _positions(given: tuple[str, ...]) -> dict[str, list[float]]:
-    """Read the values of ``--keypoint``, and return the positions by the name of the keypoint. A value is a single
-    position, or a file with several positions.
-
-    Raises:
-        InputError: a value is neither NAME=X,Y,Z nor a file of names and numbers.
-    """
+    """Read the positions by keypoint in the values of ``--keypoint``: a position, or a file of several."""
     from gensim2.core.yaml_files import read_yaml
 
     found: dict[str, list[float]] = {}

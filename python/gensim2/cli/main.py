@@ -196,11 +196,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _was_printing(error: OSError) -> bool:
-    """Return whether this error comes from writing to standard output.
-
-    This is assumed if the error names no file and was raised inside click, rich or ``gensim2.cli``, which print to
-    standard output.
-    """
+    """Return whether printing raised the error: it names no file, and click, rich or ``gensim2.cli`` raised it."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next

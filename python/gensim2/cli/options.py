@@ -249,12 +249,7 @@ def is_given(context: click.Context, name: str) -> bool:
 
 
 def _settle(context: click.Context, given: dict[str, Any]) -> None:
-    """Set the defaults that depend on other options, and select the task library of ``--library``.
-
-    Raises:
-        UsageError: ``--resume`` is given without ``--out``. Without ``--out`` the command would use a new folder, which
-            contains no run to resume.
-    """
+    """Set defaults that depend on other options, select ``--library``, and refuse ``--resume`` without ``--out``."""
     # `design` can resume without --out, because its run folder is below its argument `folder`.
     if given.get("resume") and given.get("out", "") is None and "folder" not in given:
         raise click.UsageError("--resume continues the run in the folder given with --out; add --out")

@@ -117,11 +117,7 @@ def train(
 
 
 def _counts(given: tuple[str, ...]) -> dict[str, int]:
-    """Read the values of ``--objects-of``, and return the number of objects by class.
-
-    Raises:
-        InputError: a value is not CLASS=COUNT with a positive count.
-    """
+    """Read the number of objects by class in the values of ``--objects-of``, CLASS=COUNT."""
     found: dict[str, int] = {}
     for text in given:
         name, _, number = text.partition("=")

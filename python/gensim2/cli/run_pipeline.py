@@ -20,14 +20,7 @@ Several = Annotated[int | None, click.IntRange(0, 1000)]
 
 
 def _check_kinds(designer: str | None, asked: dict[str, Any], single: int | None, long: int | None) -> None:
-    """Reject the option ``--single`` or ``--long`` if a language model proposes no tasks of this kind in the requested
-    mode.
-
-    This check runs before the first request to the model, because requests cost money.
-
-    Raises:
-        InputError: the mode proposes no tasks of the requested kind.
-    """
+    """Reject ``--single`` or ``--long``, before any request costs money, if the mode has no tasks of this kind."""
     if designer in (None, OFFLINE) and asked["config"] is None and asked["replay"] is None:
         return
     mode = asked["mode"]

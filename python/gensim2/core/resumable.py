@@ -88,11 +88,7 @@ class FolderLock:
         self._lock.release()
 
     def _require_kept(self) -> None:
-        """Check that the folder was not removed or replaced during the run, which would lose written files.
-
-        Raises:
-            WriteError: the lock file is missing, or is not the file that this process has locked.
-        """
+        """Raise WriteError if the folder was removed or replaced during the run, which would lose written files."""
         try:
             is_kept = os.path.samestat(self._path.stat(), self._status)
         except OSError:

@@ -183,10 +183,7 @@ class Queue:
         )
 
     def _pace(self) -> float | None:
-        """Return the mean time between two episodes, s, after the first episode of each worker.
-
-        Workers that start together also finish together, so the first mean needs a second episode of each worker.
-        """
+        """Return the mean time between two episodes, s, from the second episode of each worker on."""
         if self._evaluator is None or self._warm is None or self._ran < 2 * self._evaluator.workers:
             return None
         return (time.monotonic() - self._warm) / (self._ran - self._evaluator.workers)

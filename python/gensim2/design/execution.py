@@ -424,10 +424,7 @@ class PipelineRun:
     def _show_verified(
         self, task: TaskSpec, strategies: Strategies, folder: TaskFolder, verification: Verification
     ) -> None:
-        """Record videos of a verified task and draw its planned motion.
-
-        The videos show successful episodes if the task is kept, and failed episodes if the task is not kept.
-        """
+        """Record videos and draw the plan of a verified task: successful episodes if it is kept, else failed ones."""
         drawn = kept_apart(self.library, task).verification(len(verification.episodes), self.seed)
         wanted = [n for n, episode in enumerate(verification.episodes) if episode.held == verification.kept]
         word = "held" if verification.kept else "failed"
@@ -459,10 +456,7 @@ class PipelineRun:
             self.progress.message(f"{task.name}: not all pictures were made: {error}")
 
     def _checked(self, task: TaskSpec, folder: TaskFolder) -> CheckerResult:
-        """Return how often the success criteria of a task are wrongly true, in scenes in which the task is not done.
-
-        The check needs no strategies and runs before the search; its stored result is read by later calls.
-        """
+        """Return, and store, how often the criteria are wrongly true where the task is not done."""
         instances = kept_apart(self.library, task).search
         return check_criteria(task, self.evaluator, instances, seed=self.seed, files=folder, progress=self.progress)
 

@@ -169,10 +169,7 @@ def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> 
 
 
 def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-    """Yield grasps with the line of the fingertips perpendicular to one axis of the joint frame.
-
-    If the solver chose the roll angle freely, the fingers would often miss a thin part.
-    """
+    """Yield grasps with the fingertips' line perpendicular to a joint axis, so that they do not miss thin parts."""
     axes: Sequence[Axis] = ("x", "y", "z")
     for roll, inset in itertools.product(axes, (0.0, 0.015)):
         if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:

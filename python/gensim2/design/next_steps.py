@@ -102,10 +102,7 @@ def _of_causes(causes: Counter[str]) -> Iterable[str]:
 
 
 def _causes(files: TaskFolder) -> Counter[str]:
-    """Count the failures of a task by cause.
-
-    Failures are those of the verification, else of simulated episodes of the search, else of its plans.
-    """
+    """Count a task's failures by cause: of the verification, else of the search's episodes, else of its plans."""
     from gensim2.rollout.diagnose import PLAN_CAUSES  # import late, because this module loads SciPy
 
     if (verification := files.verification()) is not None:

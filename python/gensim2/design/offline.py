@@ -210,10 +210,7 @@ def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
 
 
 def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
-    """Return groups of candidates whose strategies will be combined into one candidate.
-
-    Groups of the best two and three candidates that succeeded at least once with a single strategy.
-    """
+    """Return groups of the best two and three candidates with a success and a single strategy, to be combined."""
     alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
     return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
 
@@ -231,10 +228,7 @@ def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
 
 
 def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
-    """Return a candidate with all strategies of each step, and variants in which the planner prefers other strategies.
-
-    Each variant moves the first strategy, which is tried first, to the end, in one step or in all.
-    """
+    """Return a candidate with all strategies, and variants with the first at the end, in a step or in all."""
     turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
     found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
     several = [name for name, own in ways.items() if len(own) > 1]

@@ -128,10 +128,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
 
 
 def _films(folder: Path, episodes: Sequence[Episode], best: str | None) -> list[tuple[str, str]]:
-    """Return the path (in the run folder) and the caption of each video of a task.
-
-    The video of the first demonstration is omitted, because the report shows it separately.
-    """
+    """Return path and caption of a task's videos, without that of the first demonstration, shown separately."""
     found = []
     for path in sorted(folder.glob("*_*.mp4")):
         word, _, number = path.stem.partition("_")
@@ -196,10 +193,7 @@ def _second(verification: Verification) -> dict[str, Any] | None:
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """Return the statistics of episodes that the page shows.
-
-    Success rates with confidence intervals, causes of failure, and results by object and by step.
-    """
+    """Return the page's statistics: success rates with intervals, causes, results by object and by step."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {

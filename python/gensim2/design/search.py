@@ -212,10 +212,7 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Sort candidates by plan score, and shuffle candidates with equal scores.
-
-        Neighbours are similar; without the shuffle one group could take all places in the next round.
-        """
+        """Sort by plan score and shuffle equals, because similar neighbours could take all places in a round."""
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 
@@ -239,10 +236,7 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Simulate until one candidate leads, or all leaders have their maximum number of episodes.
-
-        A good enough best candidate is simulated alone, otherwise all that do not differ significantly from it.
-        """
+        """Simulate the best candidate if good enough, or all leaders, until one leads or all have their maximum."""
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:

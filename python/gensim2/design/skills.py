@@ -146,10 +146,7 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
 
 
 def _stands(thing: Affordance) -> bool:
-    """Return whether the tail keypoint of a rigid object marks the bottom of the object.
-
-    This is the case if the object has a tail keypoint and is more than half as tall as it is wide.
-    """
+    """Return whether the tail keypoint marks the bottom: the object is over half as tall as wide."""
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
 

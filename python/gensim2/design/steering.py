@@ -162,10 +162,7 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the parts of an alignment that caused a collision in ``plan``.
-
-    A collision with the object is due to the contact offset; one with the table to no part; empty without one.
-    """
+    """Return the parts that caused a collision: the offset for one with the object, none with the table."""
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 
@@ -204,10 +201,7 @@ class _Likeness:
         }
 
     def of(self, one: Manipulation, parts: Sequence[Part]) -> Array:
-        """Return the similarity (N,) of every alignment in the pool to the alignment ``one``.
-
-        The similarity is the product of the similarities in ``parts``, such as the approach direction and the keypoint.
-        """
+        """Return each alignment's similarity (N,) to ``one``: the product over ``parts``, such as the direction."""
         found = np.ones(len(self._vectors))
         for part in parts:
             found = found * self._in(part, one)

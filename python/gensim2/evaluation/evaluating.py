@@ -133,11 +133,7 @@ def evaluate(
 
 
 def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
-    """Create the controller once, before any episode, and return its description.
-
-    Raises:
-        InputError: the controller cannot be created, or its observation spec differs from the data set's.
-    """
+    """Create the controller before any episode, check that it fits the data set, and return its description."""
     from gensim2.perception.camera import require_cameras
     from gensim2.robots import robot
 

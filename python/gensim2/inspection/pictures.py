@@ -148,9 +148,7 @@ def png(picture: Image.Image) -> bytes:
 def _sheet(
     pictures: Sequence[Image.Image], columns: int, step: tuple[int, int], gap: tuple[int, int] = (0, 0), top: int = 0
 ) -> Image.Image:
-    """Return pictures in a grid. ``step`` is the distance of two pictures in pixels, and ``gap`` is the part of it that
-    is left out at the right and at the bottom of the sheet. Above the grid, ``top`` rows of pixels are empty.
-    """
+    """Return pictures in a grid with steps of ``step`` and gaps of ``gap`` pixels, below ``top`` empty rows."""
     from PIL import Image
 
     rows = -(-len(pictures) // columns)

@@ -297,10 +297,7 @@ class _Stage:
         return self._openness() - openness
 
     def sweep(self, start: float, goal: float) -> float:
-        """Push the joint from ``start`` towards ``goal``, and return the openness that the joint reached.
-
-        The force is 1.5 times the resistance; at ``goal`` the joint is briefly pushed against its limit.
-        """
+        """Push the joint to ``goal``, 1.5 times its resistance, then briefly further; return the reached openness."""
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
         gravity = instance.placement.rotation.T @ GRAVITY

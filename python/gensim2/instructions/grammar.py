@@ -131,11 +131,7 @@ class _Reading:
         self._stated: dict[Noun, str] = {}
 
     def steps(self) -> tuple[Step, ...]:
-        """Return all steps.
-
-        Raises:
-            SentenceError: there are no steps, or an object is taken and not put anywhere.
-        """
+        """Return all steps; SentenceError if there are none, or an object is taken and not put anywhere."""
         if len(self._held) == 1 and not self._steps and self._held[0].source is None:
             (held,) = self._held
             return (Lift(held.noun.classes[0]),)
@@ -146,11 +142,7 @@ class _Reading:
         return tuple(self._steps)
 
     def hear(self, statement: Statement) -> None:
-        """Remember the objects of a statement, because a later pronoun may refer to them.
-
-        Raises:
-            SentenceError: another object was named before, and the sentence does not say what to do with that object.
-        """
+        """Remember a statement's objects for pronouns; SentenceError if another was named without an instruction."""
         nouns = list(dict.fromkeys(each.noun for each in statement.mentions if each.noun is not None))
         # "The microwave has its door open" is about one object.
         named = [each for each in nouns if each.name != "door" or not any(_has(noun, "door") for noun in nouns)]
@@ -166,11 +158,7 @@ class _Reading:
             self._topic = statement
 
     def add(self, clause: Clause) -> None:
-        """Add the steps of a clause.
-
-        Raises:
-            SentenceError: the clause cannot be done.
-        """
+        """Add the steps of a clause; SentenceError if it cannot be done."""
         clause = self._with_part(clause)
         if self._topic is not None:
             named = (*clause.objects, clause.into, clause.onto, clause.to, clause.source)
@@ -225,11 +213,7 @@ class _Reading:
         return True
 
     def _require_use_of_grip(self, moved: list[Noun]) -> None:
-        """Check that the objects that were moved are those that the hand took hold of, and forget the grip.
-
-        Raises:
-            SentenceError: the hand took hold of another object.
-        """
+        """Forget the grip; SentenceError if the hand took hold of other objects than were moved."""
         if self._gripped is not None and (self._gripped[0] or next(iter(moved), None)) not in moved:
             raise SentenceError(Refusal.INCOMPLETE, self._gripped[1].text, "say what to do with the object")
         self._gripped = None
@@ -273,11 +257,7 @@ class _Reading:
         self._group = moved
 
     def _named(self, objects: list[Mention], fits: Callable[[Noun], bool]) -> list[Mention]:
-        """Return the objects of a clause, with "them" replaced by the objects of the clause before.
-
-        Raises:
-            SentenceError: "them" does not refer to objects that fit.
-        """
+        """Return a clause's objects, with those before for "them"; SentenceError if these do not fit."""
         found = []
         for each in objects:
             if each.pronoun != "them":
@@ -357,11 +337,7 @@ class _Reading:
                 self._steps.append(HandOver(thing, direction))
 
     def _require_empty_hand(self) -> None:
-        """Check that no object was taken and not put anywhere.
-
-        Raises:
-            SentenceError: the hand still holds an object.
-        """
+        """Raise SentenceError if an object was taken and not put anywhere."""
         for held in self._held:
             remedy = f"say where to put the {held.noun.name}, for example 'and put it into the bowl'"
             raise SentenceError(
@@ -369,11 +345,7 @@ class _Reading:
             )
 
     def _rigid(self, mention: Mention, clause: Clause) -> list[Noun]:
-        """Return the rigid objects that a mention names.
-
-        Raises:
-            SentenceError: it names no rigid object.
-        """
+        """Return the rigid objects that a mention names; SentenceError without one."""
         if mention.pronoun == "them":
             found = [noun for noun in self._group if noun.rigid]
             if not found:
@@ -387,11 +359,7 @@ class _Reading:
         return [noun]
 
     def _destination(self, mention: Mention, clause: Clause) -> str:
-        """Return the class into or onto which an object is put.
-
-        Raises:
-            SentenceError: objects cannot be put there.
-        """
+        """Return the class into or onto which an object is put; SentenceError if that is impossible."""
         noun = self._resolved(mention, lambda noun: bool(_places(noun)))
         places = _places(noun)
         if not places:
@@ -405,11 +373,7 @@ class _Reading:
         return place
 
     def _container(self, mention: Mention, text: str) -> str:
-        """Return the class of the container from which an object is taken.
-
-        Raises:
-            SentenceError: the mention names no container.
-        """
+        """Return the class of the container of a mention; SentenceError without one."""
         noun = self._resolved(mention, lambda noun: any(each not in SUPPORTS for each in _places(noun)))
         places = [each for each in _places(noun) if each not in SUPPORTS]
         if not places:

@@ -198,9 +198,7 @@ def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> 
 
 
 def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
-    """Round a polyline's corners by arcs of parabolas between points at three times ``radius`` from the corner, at most
-    half an edge.
-    """
+    """Round a polyline's corners by parabolas from three times ``radius``, at most half an edge, from each."""
     line = [points[0]]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
         ends = []

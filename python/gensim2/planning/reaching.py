@@ -77,8 +77,5 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """Return a number that tells how much of its motion a partial plan completes, to compare partial plans.
-
-    It is 0 without a trajectory, else 1 plus the completed fraction of the motions after actuation.
-    """
+    """Return 0 without a trajectory, else 1 plus the completed fraction of the motions after actuation."""
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -136,9 +136,7 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """Return a shortened motion that ends with the release of the object. Return None if the motion of ``found`` is
-        complete, if it cannot be shortened, or if the shortened motion cannot be planned.
-        """
+        """Return a shortened motion that ends with the release; None if complete or not to be planned."""
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:

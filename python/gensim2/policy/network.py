@@ -128,11 +128,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return found
 
     def _any_of(self, points: torch.Tensor, generator: torch.Generator | None) -> torch.Tensor:
-        """Select P points of each cloud, and return their indices.
-
-        The sequence of points is divided into P ranges of equal size, and one point is selected from each range. With a
-        generator this point is random. Otherwise it is the point in the middle of the range.
-        """
+        """Return indices of P points of each cloud, one in each of P equal ranges: random, or the middle."""
         count = points.shape[1]
         looked_at = min(self.config.seen_points, count)
         within = torch.full((len(points), looked_at), 0.5, device=points.device)
@@ -142,11 +138,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         return rows.long().clamp(max=count - 1)
 
     def _first_look(self, points: torch.Tensor) -> torch.Tensor:
-        """Return indices (B, K) of points (B, N, 3): the first ``seen_points`` points, and ``spread_points`` points
-        that are far from each other.
-
-        Farthest point sampling selects the second group.
-        """
+        """Return indices (B, K): the first ``seen_points``, and ``spread_points`` by farthest point sampling."""
         count = points.shape[1]
         rows = torch.arange(min(self.config.seen_points, count), device=points.device).expand(len(points), -1)
         spread = min(self.config.spread_points, count)

@@ -125,9 +125,7 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Return the actions (H, m + 2) of a new plan from the current state; None if it is incomplete, touches too early,
-    or has another contact pose than the first.
-    """
+    """Return the actions (H, m + 2) of a new plan; None if incomplete, early in contact, or with another contact."""
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):

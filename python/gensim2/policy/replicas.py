@@ -111,10 +111,7 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Wait for a message from a replica, and return the loss and the CPU time of its training step.
-
-        The first message of a replica only reports that the replica has started; it contains zeros.
-        """
+        """Wait for a replica's message and return its step's loss and CPU time; the first reports only its start."""
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()

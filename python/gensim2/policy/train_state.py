@@ -183,10 +183,7 @@ class TrainState:
         )
 
     def _shapes(self, found: Mapping[str, Shape]) -> dict[str, Shape]:
-        """Return the expected shapes of the tensors in a saved state: weights, averaged weights and Adam moments.
-
-        Adam has no moments for a parameter that was never updated.
-        """
+        """Return the shapes in a saved state: weights, averages, and Adam moments of parameters once updated."""
         modules = {"network": self.network, "average": self.average}
         shapes = {
             f"{part}.{name}": Shape.of(value)

@@ -156,9 +156,7 @@ class _Facts:
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the last deviation in the step as a fault. Return None if the step had no deviation. Also return None
-        if the hand reached an actuation pose after the last deviation, because then the controller has corrected it.
-        """
+        """Return the step's last deviation as a fault; None without one or if an actuation pose was reached later."""
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 

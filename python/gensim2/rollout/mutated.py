@@ -229,10 +229,7 @@ class _Worlds:
         return way if way.any() else None
 
     def _final_steps(self) -> list[Step]:
-        """Return, for each object, the last step that determines the object's state at the end.
-
-        Objects opened only to put in or take out a rigid one are left out: their final openness does not matter.
-        """
+        """Return the last step that determines each object's state, without openings for putting in or taking out."""
         final: dict[str, Step] = {}
         for step in self._task.steps:
             put = self._put_of(step)
@@ -246,10 +243,7 @@ class _Worlds:
         return list(final.values())
 
     def _without(self, name: str, states: Sequence[_State]) -> list[Measurement] | None:
-        """Return the measurements of an episode in which all steps except ``name`` succeed, and ``name`` is left out.
-
-        None if the step moves no joint, the joint was already near its target, or states cannot be built.
-        """
+        """Return the measurements without step ``name``; None if it moves no joint or states cannot be built."""
         steps = self._task.steps
         step = next(step for step in steps if step.name == name)
         motion = self._task.motion_of(step)
@@ -401,9 +395,7 @@ class _Worlds:
         return self._with_start(self._env.measure(), mutant.state.hand)
 
     def _with_start(self, found: Measurement, hand: Array | None) -> Measurement:
-        """Return a copy of ``found`` with the objects' start positions of the initial state, and the hand's position
-        ``hand``, or its start if None.
-        """
+        """Return a copy of ``found`` with the initial positions of objects and hand (or ``hand``) as the start."""
         starts = {name: self._first.objects[name].position for name in found.start_positions}
         gripper = self._env.profile.gripper_with(self._start.start)
         if hand is not None:
@@ -420,10 +412,7 @@ def _wanted(motion: JointCriterion) -> float:
 
 
 def _put(state: _State, name: str, goal: str) -> _State | None:
-    """Put a rigid object on or in another object, and place the hand at the rigid object.
-
-    If it does not fit there, it is put on the table below the other object's measured point; None for a container.
-    """
+    """Put a rigid object on, in or below another, with the hand at it; None if a container is too small."""
     thing, target = state.objects[name], state.objects[goal]
     opened = replace(target, openness=1.0) if target.openness is not None else target
     for turn in (Rotation.identity(), Rotation.from_euler("x", np.pi / 2), Rotation.from_euler("y", np.pi / 2)):

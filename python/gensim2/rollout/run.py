@@ -245,10 +245,7 @@ class _Motion:
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_about(self, step: int) -> tuple[Measurement, Measurement]:
-        """Keep the last command through control step ``step``; return the measurements before and after it.
-
-        These steps are not part of the episode.
-        """
+        """Keep the last command through ``step``, after the episode; return the measurements before and after it."""
         assert self._action is not None
         before, after = self.trace[-2:]
         for _ in range(self.steps, step):

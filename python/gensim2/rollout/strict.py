@@ -111,10 +111,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 
 
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
-    """Return the speeds of objects that are not at rest, in m/s, or in rad/s for rotations.
-
-    Speeds are displacements per step; PhysX's include corrections of up to 0.1 rad/s or 25 cm/s at rest.
-    """
+    """Return the speeds, from displacements, of objects not at rest, m/s or rad/s; PhysX's have corrections."""
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():
         if name in later.openness:

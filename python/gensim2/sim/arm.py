@@ -124,8 +124,5 @@ def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
 
 @cache
 def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
-    """Parse the URDF of a robot and return a cached builder.
-
-    Builders store the default material of the physics settings ``name``, so each name has its own.
-    """
+    """Return a robot's URDF builder, cached by the physics settings ``name``, whose material it stores."""
     return parsed(urdf, urdf_config(friction, pads))

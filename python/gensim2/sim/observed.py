@@ -30,12 +30,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     _command = OPEN
 
     def _prepare_observations(self, seed: int) -> None:
-        """Create the observer of a new scene's ray-cast observations, and reset the gripper command.
-
-        Raises:
-            InputError: a file of the robot or of an object cannot be used.
-            MissingExtraError: Embree is not installed.
-        """
+        """Create the ray-cast observer of a new scene, and reset the gripper command."""
         self._command = OPEN
         if self._seen is not None:
             models = {name: thing.model for name, thing in self.initial_state.objects.items()}

@@ -63,10 +63,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(made), super().reset)
 
     def _with(self, results: list[Any], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a method of the base class with precomputed results.
-
-        Placeholders return ``results`` to the base class, which combines them without running environments again.
-        """
+        """Call a method of the base class with placeholders that return ``results``."""
         envs = self.envs
         self.envs = [_Done(env, result) for env, result in zip(envs, results, strict=True)]
         try:

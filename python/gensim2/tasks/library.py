@@ -83,11 +83,7 @@ def user_library() -> Path | None:
 
 
 def _user_shelf() -> Traversable | None:
-    """Return the user's library: a folder, or an archive that ``gensim2 tasks export`` wrote; None without a library.
-
-    Raises:
-        InputError: the path is neither a folder nor an archive of tasks.
-    """
+    """Return the user's library, a folder or an exported archive, or None; InputError for another file."""
     path = user_library()
     if path is None or path.is_dir() or not path.exists():
         return path

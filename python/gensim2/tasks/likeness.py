@@ -153,10 +153,7 @@ def _link(step: Step, called: dict[str, str]) -> tuple[Fact, ...]:
 
 
 def _fact(criterion: Criterion, called: dict[str, str]) -> Fact:
-    """Return the text fields of a criterion, such as its type and its object names, as ``field=value``. Fields with
-    numbers are left out. Object names are replaced by the neutral names in ``called``, so that criteria of different
-    tasks can be compared.
-    """
+    """Return a criterion's text fields as ``field=value``, with neutral names ``called`` of the objects."""
     fields = criterion.model_dump()
     words = [f"{name}={called.get(value, value)}" for name, value in sorted(fields.items()) if isinstance(value, str)]
     return tuple(words)

@@ -216,11 +216,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """Lock the library during a block, and remove temporary folders that killed processes left.
-
-        Raises:
-            InputError: the folder cannot be written to.
-        """
+        """Lock the library during a block, without temporary folders of killed processes."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             with FileLock(self.folder / LOCK_FILE):

@@ -47,9 +47,7 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:
-    """Convert the location of a pydantic error to the location in the user's file. pydantic also adds types to a
-    location, which are removed here. Return the new location, and the pydantic class that has its last field.
-    """
+    """Return the file's location of a pydantic error, without added types, and the class of its last field."""
     kind: Any = TaskSpec
     shown: list[int | str] = []
     model: type[BaseModel] | None = None

@@ -167,10 +167,7 @@ class Coarse:
         return float(np.mean(found))
 
     def _model(self, pose: Pose) -> list[tuple[Array, Array]]:
-        """Render the robot's visible surface for each view, as points and normals (k, 3).
-
-        Only pixels before the background count: the pixel's largest depth in any rendered view.
-        """
+        """Render the robot in each view; return points and normals (k, 3) before the largest rendered depth."""
         camera = placed_at(self._small, pose)
         seen = [self._surface.see(camera, view.q) for view in self._views]
         behind = np.max([each.depth for each in seen], axis=0)

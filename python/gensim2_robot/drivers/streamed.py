@@ -126,11 +126,7 @@ class StreamedArm(ABC):
 
     @abstractmethod
     def _write(self, q: Array, v: Array) -> None:
-        """Send joint positions (m,) and velocities (m,) to the arm.
-
-        Raises:
-            DriverError: the arm refuses the command.
-        """
+        """Send joint positions and velocities (m,) to the arm; DriverError if it refuses."""
 
     @abstractmethod
     def _halt(self) -> None:
@@ -230,9 +226,7 @@ def _pace(left: float) -> float:
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return by how many targets, a cycle apart, the stream advances in ``cycles`` cycles; always less than ``left``,
-    those that remain.
-    """
+    """Return by how many targets, a cycle apart, the stream advances in ``cycles``; less than ``left``."""
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace

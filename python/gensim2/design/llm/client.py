@@ -212,10 +212,7 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """Return an error's message, followed by the response body if the message lacks it.
-
-    OpenAI's servers explain an error in the message. Other servers explain the error only in the body.
-    """
+    """Return an error's message, and the body, where servers other than OpenAI's explain it, if it is missing."""
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 

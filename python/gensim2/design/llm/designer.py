@@ -291,11 +291,7 @@ class LLMDesigner:
         return StepToSolve(task, step, brief.of(task), brief.settings, self._profile, sentence)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
-        """Return the step for which the model should write better configs.
-
-        Among steps with configs by the model, return the one with the most frequent failure, or else the last; None if
-        the model wrote no configs.
-        """
+        """Return the step with configs by the model that fails most often, or the last; None without configs."""
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)
@@ -312,10 +308,7 @@ class LLMDesigner:
 
 
 def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
-    """Ask questions in at most ``count`` threads, and return the answers in the order of the questions.
-
-    An answer may take minutes; daemon threads, unlike an executor's, let Ctrl-C end the run without waiting.
-    """
+    """Ask in at most ``count`` daemon threads, which Ctrl-C does not wait for; return answers in order."""
     waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[int, T | BaseException]] = queue.SimpleQueue()
     for number in range(len(questions)):
@@ -345,10 +338,7 @@ def _in_threads(count: int, questions: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
-    """Return the best candidate; among equal scores the one whose most frequent failure is at the latest step.
-
-    ``results`` must list the best candidate first.
-    """
+    """Return the best candidate (first in ``results``), or among equals the one that fails latest in the task."""
     order = [step.name for step in task.steps]
 
     def reached(result: CandidateResult) -> int:

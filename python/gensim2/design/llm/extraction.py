@@ -61,10 +61,7 @@ def mappings(text: str) -> list[Data]:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """Yield the parts of a text that may contain data.
-
-    Parts are the code blocks, or else passages in braces and lines that look like fields (``key: value``).
-    """
+    """Yield the code blocks of a text, or else passages in braces and lines like ``key: value``."""
     fenced = [match.group(1) for match in _FENCE.finditer(text)]
     if fenced:
         for block in fenced:

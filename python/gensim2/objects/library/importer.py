@@ -394,9 +394,7 @@ class _Source:
     def _transferred(
         self, shared: Mapping[str, RelativeKeypoint], scale: float
     ) -> tuple[dict[str, Array], dict[str, str]]:
-        """Return positions and descriptions of keypoints that are given relative to the bounding boxes of their links.
-        The positions of moving keypoints are in the frame of the moving link, the others in the root frame.
-        """
+        """Return keypoints relative to their links' boxes; moving ones in the link's frame, others in the root's."""
         lower = (self.joint.limits or (0.0, 0.0))[0]
         T_root_moving = self._T_root_parent @ self.joint.T @ joint_motion(_kind(self.joint), self.axis, lower)
         places = {True: (self.geometry["moving"], T_root_moving), False: (self.geometry["body"], np.eye(4))}

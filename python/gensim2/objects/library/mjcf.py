@@ -168,10 +168,7 @@ class _Converter:
         return self._urdf.write()
 
     def _add_body(self, body: int, is_root: bool) -> None:
-        """Add a body as a chain of links, one link for each joint of the body.
-
-        Each link's origin is its joint's anchor; the chain's last link, moved by all joints, gets the body's shapes.
-        """
+        """Add a body as a link for each joint, at its anchor; the last link gets the body's shapes."""
         model, urdf = self._model, self._urdf
         name = urdf.name(model.body(body).name, "link")
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]

@@ -123,10 +123,7 @@ def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str,
 
 
 def _engines_drop(meshes: list[Mesh]) -> bool:
-    """Return whether PhysX would ignore a collision file.
-
-    PhysX ignores meshes with fewer than four distinct vertices, unless flat along an axis: these become boxes.
-    """
+    """Return whether PhysX ignores a mesh: under four distinct vertices, not flat (which becomes a box)."""
     if not meshes:
         return False
     corners = np.unique(np.concatenate([mesh.vertices for mesh in meshes]), axis=0)

@@ -114,10 +114,7 @@ def resting_sides(points: Array, center: Array) -> Array:
 
 
 def _share(*corners: Array) -> float:
-    """Return the solid angle of a triangle with three corners (3,) seen from the origin, as a fraction of 4π.
-
-    The formula is L'Huilier's theorem.
-    """
+    """Return the solid angle of a triangle (corners (3,)) from the origin over 4π, by L'Huilier's theorem."""
     a, b, c = (corner / np.linalg.norm(corner) for corner in corners)
     arcs = [np.arccos(np.clip(np.dot(*pair), -1.0, 1.0)) for pair in ((a, b), (b, c), (c, a))]
     half = sum(arcs) / 2.0
@@ -178,9 +175,7 @@ def _slice(hull: Array, height: float) -> Array | None:
 
 
 def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
-    """Return intervals along ``u`` in which a finger on the line ``v = middle`` touches material within half its width;
-    narrow gaps are merged.
-    """
+    """Return intervals along ``u`` where a finger on ``v = middle`` touches material; narrow gaps are merged."""
     spans = []
     for corners in slices:
         along, across = corners @ u, corners @ v - middle
@@ -337,12 +332,7 @@ def load_from_meshes(
 
 
 def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
-    """Return vertices (N, 3) and faces (M, 3) of an OBJ file's meshes, or of a PLY file.
-
-    Raises:
-        AssetError: the file cannot be read.
-        ValueError: the file holds no triangles.
-    """
+    """Return vertices (N, 3) and faces (M, 3) of an OBJ or PLY file; ValueError without triangles."""
     if name.endswith(".obj"):
         return [(mesh.vertices, mesh.faces) for mesh in read_obj(folder, name).meshes]
     content = folder.read(name, MAX_OBJ)

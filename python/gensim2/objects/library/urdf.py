@@ -260,10 +260,7 @@ def _mesh_file(paths: Sequence[str], folder: Path) -> str:
 
 
 def _color(urdf: Urdf, element: Mapping[str, Any], is_mesh: bool) -> Array | None:
-    """Return the colour (4,) of a shape element; None if it has no colour.
-
-    A shape can name a material from the top of the URDF; meshes, with colours of their own, ignore it.
-    """
+    """Return a shape's colour (4,), maybe by the name of a material at the top of the URDF, or None."""
     if element["rgba"] is not None:
         return np.array(element["rgba"])
     return None if is_mesh else urdf.materials.get(element["material"])

@@ -419,9 +419,7 @@ class _Converter:
                 waiting.append(child)
 
     def _root(self, joints: list[_Joint], members: set[str]) -> str:
-        """Return the root link. This is the static part if it belongs to the group ``members``. Otherwise it is the
-        articulation root of the USD file, or, if the file marks no articulation root, a link without a parent joint.
-        """
+        """Return the root link: the static part if in ``members``, else the articulation root or one without parent."""
         from pxr import UsdPhysics
 
         if STATIC in members:

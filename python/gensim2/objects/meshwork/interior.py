@@ -109,11 +109,7 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
 
 
 def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
-    """Move each side of the free box to the nearest wall, so that flat objects on the floor are inside.
-
-    The box of grid cells ends before the walls, because cells near hulls are not free and outer layers were removed. A
-    side moves to a wall within two cells, or not at all.
-    """
+    """Move each side of the free box of grid cells to the nearest wall within two cells, or leave it."""
     corners = [box.low.copy(), box.high.copy()]
     spread = np.linspace(0.1, 0.9, 9)
     for axis in range(3):

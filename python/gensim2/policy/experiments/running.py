@@ -279,10 +279,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
 
 
 def _has_generated(arm: Arm, record: ExperimentRecord) -> bool:
-    """Return whether at least one task that the policy has to learn can use generated objects.
-
-    If training starts from another policy, the tasks that the other policy already knows do not count.
-    """
+    """Return whether any task that the policy must newly learn can use generated objects."""
     assert arm.count is not None
     for name in arm.added_to(record.config.start_of(arm)):
         try:

@@ -230,10 +230,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
 
 
 def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Return the mean squared errors (B,) of rotations (B, K, 3, 3), the smaller with or without swapped fingers.
-
-    Rotating the hand by 180 degrees about its z axis swaps the fingers, in all poses of a program or none.
-    """
+    """Return mean squared errors (B,) of rotations (B, K, 3, 3); fingers may be swapped in a whole program."""
     one = (found - true).square().sum((-2, -1)).mean(-1)
     swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)
     return torch.minimum(one, (found - swapped).square().sum((-2, -1)).mean(-1))

@@ -170,10 +170,7 @@ class RemoteController:
             raise RemoteError(f"{self._url} cannot be reached: {wrong}") from error
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
-        """Send a request and return the answer; reconnect if the connection is lost.
-
-        A restarted controller does not know the episode, so the first request after reconnecting must be a reset.
-        """
+        """Send a request and return the answer; reconnect if necessary, when the first request must be a reset."""
         from websockets.exceptions import WebSocketException
 
         if self._connection is None:

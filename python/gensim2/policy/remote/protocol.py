@@ -99,10 +99,7 @@ def decode(data: Any, max_bytes: int = MAX_BYTES, sender: str = "The sender") ->
 
 
 class _Counter:
-    """Counts the values of a message while the message is decoded, and raises an error if there are too many.
-
-    The limit protects the memory: Python objects can need 70 bytes of memory for one byte of a message.
-    """
+    """Counts a message's values while it is decoded, because Python objects can need 70 bytes per byte."""
 
     def __init__(self) -> None:
         self._count = 0

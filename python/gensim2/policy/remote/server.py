@@ -207,10 +207,7 @@ class PolicyServer:
             self._said(f"{who} gone")
 
     def _greet(self, message: dict[str, Any], who: str) -> str | None:
-        """Check a client's first message; return the reason for refusing it, or None.
-
-        The caller does not send the reason to a client without the correct token.
-        """
+        """Return, only for clients with the correct token, the reason for refusing a client, or None."""
         token = message.get("token")
         if message["kind"] != "hello" or not isinstance(token, str):
             return "no token"

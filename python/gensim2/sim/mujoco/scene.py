@@ -105,11 +105,7 @@ class MujocoScene:
         return float(np.linalg.norm(total))
 
     def _robot_contacts(self) -> list[tuple[int, float, int]]:
-        """Return the contacts in which a force acts on the robot.
-
-        Each entry has the contact's index, the sign that turns the contact force into the force on the robot (1 if the
-        robot is the second shape, -1 if it is the first), and the owner of the other shape.
-        """
+        """Return index, sign of the force on the robot (1 if it is the second shape, else -1) and other owner."""
         self._require_robot()
         data = self.simulation.raw
         contacts, owners = data.contact, self._owners

@@ -225,9 +225,7 @@ def _steps(
 
 
 def _check_criteria(where: str, given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]) -> None:
-    """Append a fault to ``problems`` for each invalid criterion: about the wrong kind of object, or about an object in
-    or on one without a place for others.
-    """
+    """Append a fault for each criterion about the wrong kind of object or a missing place for objects."""
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         problems.append(f"{where}: must be a list of criteria")
         return

@@ -265,10 +265,7 @@ def _check_place(found: Proposal, catalog: Catalog, problems: list[str]) -> None
 
 
 def _check_single(found: Proposal, catalog: Catalog, problems: list[str]) -> None:
-    """Check a proposed single-step task, and append its faults to ``problems``.
-
-    The goal must not hold at the start, the moving part needs a keypoint, and class and goal must be new.
-    """
+    """Append faults of a single-step task: goal met at the start, no moving keypoint, or known class and goal."""
     thing, (kind,) = catalog.articulated[found.articulated], found.criteria
     start = thing.default_openness or 0.0
     if kind == "articulated_open" and start + SPREAD >= OPEN:

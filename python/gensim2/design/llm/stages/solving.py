@@ -300,10 +300,7 @@ def _motions_of(config: Mapping[str, Any]) -> Config:
 
 
 def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
-    """Return the JSON objects in a model's answer, as dictionaries.
-
-    Objects may be listed under ``field`` or at the top; without a list, return objects with a key of ``marks``.
-    """
+    """Return the JSON objects in an answer: under ``field``, at the top, or each object with a key of ``marks``."""
     for each in data:
         for name in (field, ITEMS):
             if isinstance(each.get(name), list):
