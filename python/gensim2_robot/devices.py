@@ -10,7 +10,6 @@ import termios
 import tty
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Literal, Protocol, Self
 
 import numpy as np
@@ -131,9 +130,7 @@ class Keys:
             tty.setcbreak(sys.stdin)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._there:
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 

@@ -9,7 +9,6 @@ import time
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from types import TracebackType
 
 import torch
 import torch.multiprocessing  # This import lets processes share the memory of tensors.
@@ -128,9 +127,7 @@ class Replicas:
     def __enter__(self) -> Replicas:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._end()
 
     def _end(self) -> None:
