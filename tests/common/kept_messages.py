@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 
 
-class Messages(NullProgress):
+class Messages(Progress):
     def __init__(self) -> None:
         self.messages: list[str] = []
 

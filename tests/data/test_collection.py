@@ -20,10 +20,11 @@ from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 
 from gensim2.cli.collect import CollectionView
 from gensim2.core.errors import InputError, NotRunError, WriteError
+from gensim2.core.progress import Progress
 from gensim2.core.seeding import scene_seeds
 from gensim2.data import DataSet
 from gensim2.data.queue import Queue
-from gensim2.data.status import NullListener, Status, TaskStatus
+from gensim2.data.status import Status, TaskStatus
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.tally import interval
@@ -249,7 +250,7 @@ def test_what_cannot_be_run_is_named_after_all_others_and_tried_again(
 
 
 def test_whoever_watches_is_told(gather: Gather) -> None:
-    class Watcher(NullListener):
+    class Watcher(Progress):
         last: Status | None = None
 
         def update(self, status: Status) -> None:
@@ -275,7 +276,7 @@ def test_the_estimate_leaves_out_the_start_of_the_workers(gather: Gather, monkey
     monkeypatch.setattr("gensim2.data.queue.time.monotonic", lambda: now[0])
     heard: list[Status] = []
 
-    class Watcher(NullListener):
+    class Watcher(Progress):
         def update(self, status: Status) -> None:
             heard.append(status)
 

@@ -17,7 +17,7 @@ from kept_messages import Messages
 
 from gensim2.cli.main import BAD_INPUT, run
 from gensim2.core.errors import InputError, WriteError
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 from gensim2.core.sealed_file import HEADER_SIZE
 from gensim2.data import TaskStore, observation_file, rendering
 from gensim2.data.dataset import DATASET_JSON, DataSet
@@ -254,7 +254,7 @@ def test_the_first_episodes_alone_are_observed_where_so_many_are_asked_for(
     store: TaskStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard: list[tuple[str, int | None]] = []
-    monkeypatch.setattr(NullProgress, "start", lambda _, description, total=None: heard.append((description, total)))
+    monkeypatch.setattr(Progress, "start", lambda _, description, total=None: heard.append((description, total)))
     lane = store.folder.parent
     held = [row for row in store.rows() if row.held]
     assert render(lane, spec=SMALL, episodes=1, workers=0).rendered == 1

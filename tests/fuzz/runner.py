@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gensim2.core.foreign.process import Bounds
-from gensim2.core.progress import NullProgress, Progress
+from gensim2.core.progress import Progress
 
 SAID = 1000
 """Inputs after which the count of faults is said."""
@@ -78,7 +78,7 @@ def tried(numbers: Iterable[int], attempt: Callable[[int], Ended], say: Say) -> 
     return tally
 
 
-class Cost(NullProgress):
+class Cost(Progress):
     """CPU time (s) and highest memory (bytes) of a reader in another process, which :func:`measured` reports."""
 
     seconds, memory = 0.0, 0

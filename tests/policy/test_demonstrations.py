@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import gensim2
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 from gensim2.data import DataSet
 from gensim2.data.formats.columns import XYZ
 from gensim2.data.observation_file import read_observation, write_observation
@@ -116,7 +116,7 @@ def test_an_episode_of_two_data_sets_counts_once(folder: Path, tmp_path: Path) -
     shutil.copytree(folder, tmp_path / "copy")
     told: list[str] = []
 
-    class Listener(NullProgress):
+    class Listener(Progress):
         def message(self, text: str) -> None:
             told.append(text)
 

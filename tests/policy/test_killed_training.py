@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from gensim2.core.errors import InputError, WriteError
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 from gensim2.core.resumable import FolderLock
 from gensim2.policy.experiments.config import config_of
 from gensim2.policy.experiments.running import run_experiment
@@ -35,7 +35,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return found | {"curves": json.dumps([{**point, "cpu_s": 0} for point in points]).encode()}
 
 
-class Broken(NullProgress):
+class Broken(Progress):
     """Breaks what the training writes to after 20 steps."""
 
     def __init__(self, act: Callable[[], object]) -> None:

@@ -17,7 +17,7 @@ import pytest
 import torch
 
 from gensim2.core.errors import InputError
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 from gensim2.core.resumable import FolderLock
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import ENCODERS, TEXTS
@@ -33,7 +33,7 @@ COMBINATIONS = [
 ]
 
 
-class Interrupting(NullProgress):
+class Interrupting(Progress):
     """Sends Ctrl-C after the first step of a training."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from gensim2.cli.options import EPISODES, PROCESSES, command
 from gensim2.cli.output import line, show_engines, table
 from gensim2.cli.typed import Folder, Option, Real, count
 from gensim2.core.plural import plural
-from gensim2.core.progress import LINE_SECONDS, NullProgress, clock
+from gensim2.core.progress import LINE_SECONDS, Progress, clock
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gensim2.data.status import Status, TaskStatus
 
 
-class CollectionView(NullProgress):
+class CollectionView(Progress):
     """Context manager that shows the progress of a collection on standard error; the last table stays on the screen."""
 
     def __init__(self, stream: TextIO | None = None) -> None:

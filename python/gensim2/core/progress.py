@@ -6,7 +6,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol, Self, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from gensim2.core.errors import printable
 
@@ -30,8 +30,8 @@ def now() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
-class Progress(Protocol):
-    """Listener to which a long function reports its progress, in one or more successive stages.
+class Progress:
+    """Listener to which a long function reports its progress, in stages; this base class ignores everything.
 
     Long functions take ``progress: Progress = NULL_PROGRESS``; workers report to the calling process.
     """
@@ -48,27 +48,14 @@ class Progress(Protocol):
     def message(self, text: str) -> None:
         """Show a line that stays visible."""
 
-
-class NullProgress:
-    """Progress listener that ignores everything."""
-
-    def start(self, description: str, total: int | None = None) -> None:
-        """Do nothing."""
-
-    def advance(self, steps: int = 1) -> None:
-        """Do nothing."""
-
-    def resize(self, total: int) -> None:
-        """Do nothing."""
-
-    def message(self, text: str) -> None:
-        """Do nothing."""
+    def update(self, status: Any) -> None:
+        """Show the :class:`~gensim2.data.status.Status` of a collection; called a few times a second at most."""
 
 
-NULL_PROGRESS: Progress = NullProgress()
+NULL_PROGRESS = Progress()
 
 
-class NamedProgress:
+class NamedProgress(Progress):
     """Progress listener that forwards to another listener and puts a prefix before the description of each stage.
 
     Args:
@@ -92,7 +79,7 @@ class NamedProgress:
         self._progress.message(text)
 
 
-class ConsoleProgress:
+class ConsoleProgress(Progress):
     """Progress listener that prints to standard error. On a terminal it shows progress bars; in a file or a pipe it
     prints a line every 30 s with an estimate of the remaining time, and one line at the end of each stage.
 

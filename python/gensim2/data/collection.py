@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.core.processes import Execution
+from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.data.record import DatasetRecord, TaskRecord
-from gensim2.data.status import Listener, NullListener, Status
+from gensim2.data.status import Status
 from gensim2.rollout.config import RunArguments
 from gensim2.rollout.counted_objects import all_with_objects, can_be_counted
 from gensim2.rollout.inputs import TaskInput, check_counts, only_strategies, read_task_inputs, require_true_scene
@@ -64,7 +65,7 @@ def collect(
     objects: int | None = None,
     engines: Engines = "one",
     resume: bool = False,
-    listener: Listener | None = None,
+    listener: Progress = NULL_PROGRESS,
     **scene: Unpack[RunArguments],
 ) -> CollectionResult:
     """Collect a data set of demonstrations; each episode is stored as soon as it is finished.
@@ -118,7 +119,6 @@ def collect(
     from gensim2.data.queue import ERRORS_LOG, CollectionFolder, Queue
     from gensim2.rollout.runner import EpisodeRunner
 
-    listener = listener or NullListener()
     with CollectionFolder(
         Path(out), _description(given, seed, episodes, keep_failures, objects), resume, execution.to_record()
     ) as folder:

@@ -19,13 +19,13 @@ from typing import Any
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic, write_json
 from gensim2.core.pages import template
-from gensim2.core.progress import now
+from gensim2.core.progress import Progress, now
 from gensim2.core.resumable import ResumableFolder, command_line
 from gensim2.data.card import card
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.record import DatasetRecord, ObjectUsed
 from gensim2.data.runfolder import TaskFolder
-from gensim2.data.status import Listener, Status
+from gensim2.data.status import Status
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.objects import Library
 from gensim2.rollout.inputs import TaskInput
@@ -127,7 +127,7 @@ class Queue:
         InputError: files of an earlier run cannot be used.
     """
 
-    def __init__(self, folder: CollectionFolder, given: Sequence[TaskInput], listener: Listener) -> None:
+    def __init__(self, folder: CollectionFolder, given: Sequence[TaskInput], listener: Progress) -> None:
         self._folder, self._listener, self._library = folder, listener, given[0].library
         self._record = folder.dataset.record
         self._tasks = [self._queue(one) for one in given]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
-from gensim2.core.progress import NullProgress, Progress
 from gensim2.rollout.tally import engines_record
 
 
@@ -82,17 +81,3 @@ class Status:
     def left(self) -> float | None:
         """Estimated remaining time, s; None if unknown."""
         return None if self.pace is None else (self.total - self.tried) * self.pace
-
-
-class Listener(Progress, Protocol):
-    """Listener that receives the status of a collection."""
-
-    def update(self, status: Status) -> None:
-        """Handle a new status; called a few times a second at most."""
-
-
-class NullListener(NullProgress):
-    """Listener that ignores everything."""
-
-    def update(self, status: Status) -> None:
-        """Do nothing."""

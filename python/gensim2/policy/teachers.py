@@ -17,7 +17,7 @@ import torch
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_json
 from gensim2.core.processes import Execution
-from gensim2.core.progress import NullProgress, Progress
+from gensim2.core.progress import Progress
 from gensim2.perception import ObservationSpec
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
@@ -226,7 +226,7 @@ def _begun_with(data: Path) -> int:
     return DataSet.open(data).record.episodes if (data / DATASET_JSON).exists() else 0
 
 
-class _CollectionProgress(NullProgress):
+class _CollectionProgress(Progress):
     """Shows the number of collected episodes in the current stage of a progress display."""
 
     def __init__(self, progress: Progress) -> None:

@@ -13,7 +13,7 @@ import pytest
 import gensim2_kpam as kpam
 from gensim2.core.errors import InputError
 from gensim2.core.processes import WorkerPool
-from gensim2.core.progress import NullProgress
+from gensim2.core.progress import Progress
 from gensim2.perception import ObservationSpec
 from gensim2.planning import Scene, StepPlanner
 from gensim2.planning.strategies import CENTERED
@@ -151,7 +151,7 @@ def test_steps_that_are_done_at_the_start_are_none_that_physics_is_asked_about()
     assert drawn.failed is None or drawn.failed.startswith("refuted: ")
 
 
-class Stages(NullProgress):
+class Stages(Progress):
     """Progress listener that keeps the number of finished steps and the total after each change."""
 
     def __init__(self) -> None:

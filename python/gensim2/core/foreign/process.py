@@ -117,7 +117,7 @@ def isolated(
         process.join()
 
 
-class _Told:
+class _Told(Progress):
     """Progress listener that sends the progress from the subprocess to the waiting caller."""
 
     def __init__(self, connection: Connection) -> None:
