@@ -20,8 +20,7 @@ Array = npt.NDArray[np.float64]
 class Braking:
     """Velocity limits that depend on the joint position.
 
-    The limit is ``-offset + sqrt(gain (upper - q))`` upwards and ``-offset + sqrt(gain (q - lower))`` downwards, but at
-    least 0. It applies in addition to the constant velocity limit.
+    Limits: ``-offset + sqrt(gain (upper - q))`` up, ``-offset + sqrt(gain (q - lower))`` down, at least 0.
 
     Attributes:
         upper, lower: (m,) positions at which the square root is 0, rad.

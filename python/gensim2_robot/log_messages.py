@@ -97,9 +97,7 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages. A field can be a mapping with arrays. Each of these arrays is stored under a name that
-    joins the field and the key by ``/``: for example, the array ``posed["left"]`` is stored as ``posed/left``.
-    """
+    """Base class of messages; a mapping's arrays are stored as field and key joined: ``posed/left``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 

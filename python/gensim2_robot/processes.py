@@ -49,8 +49,7 @@ class DeviceProcess:
 
     Args:
         what: name of the process for error messages.
-        target: function that runs in the process. It gets the other end of the pipe and ``arguments``; a GenSim2Error
-            that it raises is sent back.
+        target: function of the process, called with the pipe's end and ``arguments``; its GenSim2Error is sent back.
         arguments: arguments of ``target``.
     """
 

@@ -182,8 +182,7 @@ class ResumableFolder(Generic[Settings]):
         record: settings of the run; in a resumed folder, the settings of the first run.
 
     Raises:
-        InputError: the folder contains a run and ``resume`` is false, or this run has other settings. This error is
-            also raised if the folder has other files, is used by another process, or cannot be written to.
+        InputError: the folder has a run and ``resume`` is false, other settings or files, is in use or not writable.
     """
 
     def __init__(

@@ -86,8 +86,7 @@ def collect(
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.worker`).
         strategy: names of strategies; a step with such strategies uses only these.
-        objects: number of generated objects of each articulated class to use instead of ``instances``. These objects
-            differ from the built-in objects and from the objects of ``instances="new"``. None: use ``instances``.
+        objects: number of generated objects of each articulated class, not built-in or ``"new"``, for ``instances``.
         engines: ``"both"`` repeats each episode on the same scene in the other engine; a demonstration must succeed in
             both (verdict `held`). Recorded states come from the first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.

@@ -1,6 +1,4 @@
-"""Store each episode in one checksummed HDF5 file. The dataset ``episode`` contains the episode's record. The group
-``traj`` contains the recorded arrays; it is missing if the states of the episode are not stored.
-"""
+"""Store each episode in a checksummed HDF5 file: its record (``episode``) and its states (group ``traj``)."""
 
 from __future__ import annotations
 

@@ -70,8 +70,7 @@ class FrameAccess:
     - ``language``, the instruction of the task
     - ``task_index``, ``episode_index`` and ``frame_index``
 
-    When a file is used for the first time, its checksum is checked. After that, only the part of the file that contains
-    the requested frame is read. The object can be pickled. For a PyTorch ``DataLoader`` use :meth:`torch`.
+    A file is checked on first use; then only requested frames are read. The object can be pickled; see :meth:`torch`.
 
     Args:
         stores: stored episodes of each task; at least one task.

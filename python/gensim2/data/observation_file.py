@@ -47,8 +47,7 @@ class ObservedEpisode:
     """Observations of an episode of T steps.
 
     Attributes:
-        description: JSON data about the origin and the settings of the observations. It has the keys ``task``,
-            ``index``, ``episode_digest``, ``language`` and ``steps``, and all fields of the observation spec.
+        description: JSON: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``, observation spec.
         arrays: arrays by name, mostly (T + 1, ...): before the first step and after each. A camera's ``intrinsic`` and
             pose, ``T_base_camera`` if fixed or ``T_link_camera`` on the robot, have no time axis.
     """

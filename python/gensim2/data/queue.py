@@ -91,8 +91,7 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
         process: facts about this call (such as the number of workers), stored in ``run.json``.
 
     Raises:
-        InputError: the folder has a data set and ``resume`` is false, or this data set has other settings. This error
-            is also raised if the folder has other files, is used by another process, or cannot be written to.
+        InputError: the folder has data and ``resume`` is false, other settings or files, is in use or not writable.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:

@@ -22,8 +22,7 @@ ROOT = 13
 
 
 def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
-    """Check that a recording belongs to an episode. The number of steps, the seed, the objects, and the types and
-    shapes of the arrays must match. If the episode succeeded, all numbers of the recording must be finite.
+    """Check that a recording's steps, seed, objects, types and shapes fit an episode, and a success is finite.
 
     Args:
         file: file of the recording, for error messages.

@@ -50,8 +50,7 @@ class Status:
         stored: size of all episodes, bytes.
         free: free disk space, bytes.
         failed_tries: attempts that failed because a process died, hung or raised an unexpected exception.
-        pace: mean time between two finished episodes of this run, s, without the start of the workers and the first
-            episode of each worker; None before the second episode of each worker.
+        pace: mean time between finished episodes, s, from the second episode of each worker on; None before.
     """
 
     tasks: tuple[TaskStatus, ...]

@@ -185,8 +185,7 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield a job for each missing episode; the jobs are numbered from ``first``. Yield None while no job can start
-        yet, because the results of running episodes decide whether the task needs another episode.
+        """Yield a job, numbered from ``first``, for each missing episode; None while others decide on the next.
 
         An episode is started only if it is needed even when all running episodes succeed. So neither the number of
         workers nor the order of results changes which episodes are run.

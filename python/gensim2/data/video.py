@@ -105,8 +105,7 @@ class Replay:
     def stored(trajectory: Path, episode: int = 0) -> Replay:
         """Read the replay of an episode from ``trajectory.h5`` and the JSON file in the same folder.
 
-        The environment is built from the task definition in the file. The environment id in the file is not used,
-        because gymnasium would import the module that this id names, which can run foreign code.
+        The environment comes from the task in the file; its id, whose module would be imported, is not used.
 
         Raises:
             InputError: the file or the episode is missing or cannot be used.
@@ -188,8 +187,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
     Args:
         video: file to write, atomically.
-        still: image file to write in addition to the video; None: no image. The image shows the moment when a keypoint
-            of an object is farthest from its initial position. The suffix selects the format.
+        still: image of the moment when a keypoint is farthest from its start, format by the suffix; None: none.
         stride: control steps between two frames; None: 1 for short episodes, 2 for long ones.
         speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
     """

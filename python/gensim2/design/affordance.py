@@ -58,10 +58,8 @@ class Affordance:
         description: phrase that describes the class.
         size: (3,) depth (away from the robot), width and height at rest, joint at zero, m.
         mass: mass, kg.
-        keypoints: description of each keypoint, by name. A keypoint is included if every sampled instance has it. The
-            last keypoint is the measured keypoint: distance criteria measure the distance to this point.
-        lever_arms: distance in metres from the joint axis to each keypoint on the moving link, by keypoint name. The
-            distances are zero for a prismatic joint. The mapping is empty for a rigid object.
+        keypoints: descriptions by name of those that all instances have; the last is the measured one.
+        lever_arms: distance (m) of moving keypoints from the axis; zero if prismatic, empty if rigid.
         joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If instances differ, the more frequent
             type, over whose instances all joint values are means.
         joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.

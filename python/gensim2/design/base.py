@@ -84,8 +84,7 @@ class Candidate:
 
     Attributes:
         label: phrase that describes the candidate in the report.
-        steps: for each step, a mapping from names to strategies, with the preferred strategy first. If the task is
-            kept, its steps use the same names. Several steps may use the same strategy.
+        steps: strategies by name for each step, preferred first, which may share them; kept tasks use the names.
         provenance: origin of the strategies: search parameters, or prompt and answer.
         labels: phrase that describes a strategy, by its name. Strategies whose names describe them are not included.
     """

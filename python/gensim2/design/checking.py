@@ -70,8 +70,7 @@ def check_criteria(
 def remedy_for(task: TaskSpec, checker: CheckerResult, scene: SceneOptions) -> str:
     """Return how to change a task whose success criteria were refused.
 
-    If a joint starts so near to its goal that a criterion is true before the joint has moved, or after a quarter of its
-    way, the remedy states the openness at the start, and a threshold or a start that avoids this.
+    If a criterion holds before a quarter of the joint's way, the remedy names a threshold or start against it.
 
     Args:
         task: the refused task.

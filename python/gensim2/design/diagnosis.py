@@ -55,8 +55,7 @@ def diagnoses(
     """Group failed trials by the kind of failure. Return up to ``KEPT`` kinds of failure, the most frequent first.
 
     Args:
-        failures: cause and measured values of each failed trial. The values of a simulated episode are its
-            ``diagnosis``. The values of a plan are its ``detail``, its ``step`` and its ``strategy``.
+        failures: cause and values of failed trials: ``diagnosis``, or a plan's ``detail``, ``step``, ``strategy``.
         described: function from a strategy's name to its description; empty ones are omitted. Default: the name.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()

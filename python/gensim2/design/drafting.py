@@ -1,7 +1,6 @@
 """Draft tasks of several steps, and check that earlier steps establish each step's preconditions.
 
-A step that picks up an object needs an empty hand. A step that puts an object down needs this object in the hand and an
-open container. A step that moves a joint must change the state of the joint. :func:`chains` checks these rules.
+Picking up needs an empty hand, putting down the object and an open container; a joint must change.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """Sample alignments with weights learned from the results of earlier alignments.
 
-An alignment works if it meets three conditions: the arm reaches the actuation pose (``reach``), the arm can follow the
-joint from there (``follow``), and the motion moves the part (``effect``).
+An alignment must let the arm reach the pose (``reach``), follow the joint (``follow``), move it (``effect``).
 
 A diagnosis shows which condition failed and which parts of the alignment caused it: if the pose is out of reach, its
 direction and keypoint. Alignments similar in all these parts are sampled less often; a further cause, such as a contact
 offset with which a finger hit the object, narrows their number.
 
-The probability that an alignment meets a condition is estimated from the trials of alignments that are similar in these
-parts. Alignments that are likely to meet all three conditions are sampled more often.
+Probabilities come from trials of alignments similar in these parts; likely ones are sampled more often.
 """
 
 from __future__ import annotations

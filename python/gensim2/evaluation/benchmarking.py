@@ -68,8 +68,7 @@ def benchmark(
         episodes: number of episodes of each task in each run.
         seed: seed of the scenes. No search for strategies uses these scenes.
         attempts: maximum attempts from the same start; the episode ends after the first success.
-        one_plan: use the method of the GenSim2 paper, but with the solver of gensim2. Each step is then planned only
-            once, before the step is executed, and only with the first strategy of the step.
+        one_plan: the paper's method: each step is planned once, before its execution, with its first strategy.
         disturbance: ``"push"`` or ``"drop"`` once per episode, at a seeded moment; tasks without a grasp are skipped.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.

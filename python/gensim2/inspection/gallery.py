@@ -83,8 +83,7 @@ def build_gallery(
         size: width and height of each view in pixels.
 
     Raises:
-        InputError: no library has one of ``classes``; two folders have the same name; a findings file is invalid; the
-            folder cannot be written to.
+        InputError: a class is unknown, folders share a name, findings are invalid, or the folder is not writable.
         MissingExtraError: SAPIEN is not installed.
         GenSim2Error: no Vulkan driver works on this machine.
 

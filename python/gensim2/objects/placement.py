@@ -28,8 +28,7 @@ class PlacementRegion:
         hand_at_rest: world x and y of the hand at the start of an episode.
         hand_low_point: height above the table of the resting hand's lowest point; lower objects fit below it.
         hand_clearance: distance of tall objects from the resting hand: its thickness plus random displacements.
-        hand_half_width: lateral distance from the resting hand within which tall objects keep ``hand_clearance``. It is
-            half the width of the hand plus a reserve for the random displacement of the object.
+        hand_half_width: lateral distance within which tall objects keep it: half the hand's width plus a reserve.
     """
 
     base_x: float = -0.615

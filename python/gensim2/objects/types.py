@@ -117,10 +117,8 @@ class Placement:
     """Pose of an object before randomization.
 
     Attributes:
-        position: (3,) position of the object's root in the world frame. The lowest point of the object touches the
-            table, whose surface is z = 0. A rigid object is placed at x = y = 0, and randomization moves it from there.
-        quaternion: (4,) rotation (w, x, y, z) from the root frame to the world frame. The contact side of an
-            articulated object faces the robot. A rigid object is in its resting pose.
+        position: (3,) root in the world; the lowest point touches the table, z = 0. Rigid: x = y = 0 at first.
+        quaternion: (4,) rotation (w, x, y, z) to the world: contact side to the robot, or resting pose.
     """
 
     position: Array

@@ -64,8 +64,7 @@ class Schedule:
     """A plan sampled at the control rate, one row for each control step.
 
     Attributes:
-        reference: (N, 2, m) desired positions and velocities of the arm joints at the end of each step. Compensation
-            for the tracking error of the joint drives is not included.
+        reference: (N, 2, m) desired joint positions and velocities after each step, drive errors not compensated.
         ends: (N,) for each row the index of the last row of the arm's motion; its own if the arm stands.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time on the plan's trajectory that is reached at the end of each step, s.

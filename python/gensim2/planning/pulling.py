@@ -26,8 +26,7 @@ def pulls_of(
 ) -> list[kpam.Grasp]:
     """Return grasps of an object's moving link, best first.
 
-    Grasps in which a pad hooks behind the link come before grasps that pull by friction alone. Within each group,
-    grasps near the object's first keypoint, which lies on the handle, come first.
+    Grasps that hook a pad behind the link come first; in each group those near the first keypoint.
 
     Args:
         world: ``scene`` in the solver's form.

@@ -97,8 +97,7 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the solver problem for a config that contains only fields of the solver. The method :meth:`of_step`
-        derives the finger mode and the joint to move from a strategy. Here both are arguments.
+        """Return the solver problem of a solver-only config with given finger mode and joint, unlike :meth:`of_step`.
 
         Args:
             scene: scene at the start of the step.

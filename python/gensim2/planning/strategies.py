@@ -116,8 +116,7 @@ class GraspStrategy(_FoundGrasp):
         approach: length of the straight motion with which the open hand approaches the object, m.
         lift: height of the lift, m. The config contains one ``move-up`` motion for every 6 cm.
         tilt: maximum angle (rad) between the direction of the approach and straight down.
-        least_tilt: minimum angle (rad) between the direction of the approach and straight down. If the hand approaches
-            from the side, it can later put the object down on its side.
+        least_tilt: minimum angle (rad) of the approach from straight down, to lay the object on its side later.
         friction: friction coefficient between pads and object.
         candidates: maximum number of grasps, each tried also with swapped fingers.
     """

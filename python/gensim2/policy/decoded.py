@@ -92,8 +92,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         tasks: names of the tasks; empty for all.
 
     Raises:
-        InputError: a data set cannot be read or was not rendered, robots or observations differ, a task is unknown, or
-            a number is not finite; the message names the file.
+        InputError: a data set is unreadable or not rendered, something does not fit, or a number is not finite.
     """
     sets = [DataSet.open(folder) for folder in folders]
     if not sets:

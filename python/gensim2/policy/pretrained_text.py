@@ -22,8 +22,7 @@ def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
     Args:
         sentences: S sentences.
-        kind: ``"clip"`` for the projected output of CLIP's text encoder, or ``"sentence"`` for the mean of a sentence
-            encoder's tokens (Sentence-BERT, Reimers and Gurevych 2019).
+        kind: ``"clip"``: CLIP's projected output; ``"sentence"``: mean of a sentence encoder's tokens (SBERT).
         model: folder of weights, or a name on the Hugging Face hub.
 
     Raises:

@@ -31,8 +31,7 @@ def fixed_base(
 ) -> str:
     """Return the text of a URDF with a fixed base.
 
-    Links and joints between the root and ``base`` are removed, the joints in ``standing`` become fixed, continuous
-    joints are limited to ``turns`` in either direction, and mesh paths become absolute.
+    Links before ``base`` go, ``standing`` joints are fixed, continuous ones limited, mesh paths absolute.
 
     Args:
         urdf: URDF file, with mesh paths relative to the file.

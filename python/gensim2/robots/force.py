@@ -24,8 +24,7 @@ class Yielding:
     (3, m) and the drives' stiffness ``K``: it moves the tool against the springs from its targets' position to that of
     ``q``. No force sensor is needed.
 
-    The springs and the dampers together press with at most ``limit``. A moving arm may press harder for an instant, if
-    it hits an obstacle before its next command: the dampers then do not act any more.
+    Springs and dampers press with at most ``limit``; a moving arm may press harder until its next command.
 
     Args:
         profile: robot profile.

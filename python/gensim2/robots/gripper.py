@@ -118,11 +118,9 @@ class SlidingGripper:
     """Gripper with two fingers that slide by equal distances, with a motor each or one for both.
 
     Attributes:
-        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`. If ``driven`` is empty,
-            both sliding joints are driven.
+        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`; ``driven``: both.
         fingers: names of the two sliding joints, which are at 0 when the pads touch.
-        open, closed: targets (m) of a sliding joint at the commands 1 and -1. The target ``closed`` lies beyond the
-            position at which the pads meet, so that closed pads press on each other.
+        open, closed: targets (m) of a sliding joint at 1 and -1; ``closed`` lies beyond the pads' meeting.
     """
 
     joints: tuple[str, ...]

@@ -176,8 +176,7 @@ class RobotProfile:
         control_hz: control rate, Hz.
         cameras: cameras mounted on the robot's links, in addition to the fixed cameras.
         tool_keypoint_descriptions: description of each tool keypoint, for people and for prompts to language models.
-        solver: options of every planning problem, for example limits that are not in the URDF, joint weights, and the
-            box in which the hand's origin must lie at the actuation pose.
+        solver: options of all planning problems: limits, joint weights, the hand's box at the actuation pose.
     """
 
     name: str

@@ -93,8 +93,7 @@ def robot_names() -> tuple[str, ...]:
 class RobotPlace(str):
     """Name of the file or module from which this process has loaded a robot.
 
-    If this object is sent to another process with pickle, that process may also load the robot, which runs the user's
-    code. A plain ``str`` gives no such permission, because it may have been read from an untrusted file.
+    Pickled, it lets the other process load the robot, which runs the user's code; a plain ``str`` does not.
     """
 
     __slots__ = ()
@@ -120,8 +119,7 @@ def load_robot(place: str | Path) -> str:
         ```
 
     Args:
-        place: path of a Python file that registers one robot (``"my_arm.py"``) or one of several
-            (``"my_arm.py:left"``), or ``"module:function"``. The name of a known robot is also accepted.
+        place: ``"my_arm.py"``, ``"my_arm.py:left"`` of several, ``"module:function"``, or a known robot's name.
 
     Returns:
         Value for the ``robot`` arguments of this package.

@@ -57,13 +57,11 @@ class RolloutOptions:
         one_plan: whether each step is planned once, with its first strategy; deviations are only recorded.
         disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
         attempts: maximum number of attempts from the same initial scene. No attempt follows a success.
-        noise: standard deviation (rad) of noise that is added to joint targets during random periods of an episode.
-            Recordings contain the noise-free action, too.
+        noise: standard deviation (rad) of noise on joint targets in random periods, recorded without it, too.
         engines: ``"both"`` also runs each demonstration in the other engine, in which it must succeed, too.
         scene_source: ``"true"``: the simulator's state; ``"perceived"``: an estimate from clouds by the package's
             estimator; else the folder of an estimator (``gensim2 perceive train``).
-        depth_noise: noise of the depth cameras from which a scene is estimated, as for
-            :func:`~gensim2.perception.noise.read_noise`. With None the depth images are exact.
+        depth_noise: noise of estimated scenes (:func:`~gensim2.perception.noise.read_noise`); None: exact depth.
 
     Raises:
         InputError: the noise is out of range, or an option cannot be combined with an estimated scene.

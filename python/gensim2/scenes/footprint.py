@@ -81,8 +81,7 @@ def square(center: Array, half: float) -> Array:
 
 
 def gap_between(first: Array, second: Array) -> float:
-    """Return the gap (m) between two convex outlines; negative if they overlap. As in the separating axis test, the gap
-    is measured in the direction perpendicular to each edge, and the largest value is the gap between the outlines.
+    """Return the gap (m) of convex outlines, negative if they overlap: the largest along edges' normals.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.

@@ -60,8 +60,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
     """Check that the robot can bring about a state that meets the goal.
 
     Args:
-        task: task to check. Its goal is ``goal`` or the last step's ``done``. The function also checks that each
-            ``done`` criterion fits its object: articulated or rigid.
+        task: task whose goal (or last ``done``) and every ``done`` are checked, also for the kinds of objects.
         state: initial state of the task.
         robot: robot profile, whose reach limits how far objects can be moved.
         placed: names of objects that reset options have placed; their distance to the goal is not checked.

@@ -44,18 +44,13 @@ class PhysicsSwitches:
     Most settings have the value ``"default"`` or ``"original"``. The values mean:
 
     Attributes:
-        joint_friction: resistance of the objects' joints. Default: Coulomb friction and damping of the object.
-            Original: a coefficient for each class, multiplied by the load on the joint.
+        joint_friction: joints' resistance. Default: Coulomb and damping. Original: the class's coefficient times load.
         densities: masses. Default: stored with the object. Original: volume of the hulls times a density of the class.
-        materials: friction and restitution of all bodies except the table. Default: separate values for finger pads,
-            rigid objects and other bodies. Original: the same values for all bodies.
+        materials: friction and restitution. Default: separate for pads, rigid objects, others. Original: one.
         solver: physics solver. Default: settings and contact offsets of the engine. Original: GenSim2's PhysX settings.
-        poses: poses of the objects before randomization. Default: computed from the geometry. Original: poses of the
-            original GenSim2, for the models that it published.
-        gripper: finger drives. Default: the drives of the robot profile. Original: the drives of the original GenSim2.
-            A third value is ``"soft"``: drives with which the solver settings of the original GenSim2 can hold objects.
-        hulls: collision hulls of real objects, which the planner uses, too. Default: hulls that keep cavities open.
-            Original: the convex hull of each connected part of a file.
+        poses: poses before randomization. Default: from the geometry. Original: as published by GenSim2.
+        gripper: finger drives. Default: the robot's. Original: GenSim2's. ``"soft"``: hold with its solver.
+        hulls: collision hulls of real objects. Default: cavities stay open. Original: each connected part's hull.
         redraw: if objects do not fit: ``"placement"``: sample again until all fit; ``"none"``: use the first.
         criteria_rate: evaluation of steps' criteria for ``paper``. Default: every control step. Original: every 0.85 s.
     """

@@ -59,8 +59,7 @@ class Snapshot:
 class HeadlessEnv(SceneAccessMixin):
     """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
 
-    The engine ``sapien`` (default) gives exactly the states of :class:`~gensim2.sim.env.GenSim2Env`. The engine
-    ``mujoco`` simulates the same scene without SAPIEN, ManiSkill and PyTorch.
+    ``sapien`` (default) gives :class:`~gensim2.sim.env.GenSim2Env`'s states; ``mujoco`` needs no SAPIEN or PyTorch.
 
     Example:
         ```python

@@ -1,7 +1,6 @@
 """Apply the physics settings of a scene. Each setting has a default value and the value of the original GenSim2.
 
-The settings are PhysX parameters, joint resistance, masses, contact materials and finger drives. The ManiSkill
-environment and the headless environment use the same :class:`Physics`, so both compute the same states.
+PhysX parameters, resistance, masses, materials and drives; both environments share one :class:`Physics`.
 """
 
 from __future__ import annotations

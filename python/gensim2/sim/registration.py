@@ -59,8 +59,7 @@ def make_env(
 
     Args:
         task: name of a library task, a spec, or its fields.
-        engine: ``"sapien"`` creates a ManiSkill environment, and ``"mujoco"`` creates a plain environment with NumPy
-            arrays that have no batch axis. Default: ``"sapien"`` if it is installed, else ``"mujoco"``.
+        engine: ``"sapien"`` (ManiSkill) or ``"mujoco"`` (NumPy, no batch axis); default: SAPIEN if installed.
         numpy: whether a ManiSkill environment returns NumPy values without a batch axis, as MuJoCo's always do.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
             :class:`~gensim2.sim.numpy_env.NumpyEnv`, for example ``assets``, ``instances``, ``physics``, ``robot``,
@@ -104,8 +103,7 @@ def make_vec_env(
     Args:
         task: as for :func:`make_env`.
         num_envs: number of environments, n.
-        vectorization_mode: ``"async"`` for one process for each environment, ``"sync"`` for all environments in this
-            process, or ``"thread"`` for one thread for each environment (only with the engine ``mujoco``).
+        vectorization_mode: ``"async"`` (a process each), ``"sync"``, or ``"thread"`` (a thread each, ``mujoco``).
         engine: as for :func:`make_env`.
         vector_kwargs: keyword arguments of gymnasium's vector class.
         wrappers: functions that wrap each environment; the first one is the innermost.

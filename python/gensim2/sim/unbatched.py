@@ -13,8 +13,7 @@ from gymnasium.utils import RecordConstructorArgs
 class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Wrapper that removes the leading axis of length one from ManiSkill's values, and converts tensors to arrays.
 
-    Rewards are floats, ``terminated`` and ``truncated`` are bools. Single values in ``info`` are Python numbers, from
-    which a vector environment makes arrays of the same type. All arrays are copies.
+    Rewards are floats, flags bools, single values in ``info`` Python numbers; arrays are copies.
 
     Args:
         env: environment whose observations, rewards, flags and pictures have a leading axis of length one.

@@ -32,9 +32,7 @@ class Pose:
     bias: float = 0.0
 
     def moved(self, step: Array, center: Array) -> Pose:
-        """Return a changed copy of the pose. The change ``step`` (8,) is a rotation vector about ``center`` (rad), a
-        translation (m), and the changes of depth scale and depth bias.
-        """
+        """Return the pose changed by ``step`` (8,): rotation about ``center`` (rad), translation (m), scale, bias."""
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         T = self.T.copy()
         T[:3, :3] = turn @ T[:3, :3]

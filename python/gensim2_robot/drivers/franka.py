@@ -136,8 +136,7 @@ class FrankaArm(_FrankaHand):
 class PandaPyArm(_FrankaHand):
     """Driver for a Panda or FR3 with ``panda-python``, whose impedance controller follows streamed positions.
 
-    Each wheel of ``panda-python`` supports one version of the arm's server. The wheel on PyPI is for the newest
-    version. If the arm has another version, the DriverError says which wheel to install from the project's releases.
+    Each wheel of ``panda-python`` supports one server version, PyPI's the newest; an error names others.
 
     Args:
         host: address of the arm.

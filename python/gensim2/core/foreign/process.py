@@ -79,8 +79,7 @@ def isolated(
     A script must call this function below ``if __name__ == "__main__":``, because the function starts a process.
 
     Args:
-        function: function to run; the function, its arguments and its result must be picklable. A ``GenSim2Error`` or
-            ``OSError`` of the function is raised again in the caller.
+        function: picklable function, as arguments and result; its ``GenSim2Error`` or ``OSError`` is raised again.
         source: file or folder that the function reads, for error messages.
         bounds: resource limits.
         progress: listener that receives the function's progress.

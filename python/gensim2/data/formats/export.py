@@ -52,8 +52,7 @@ def export(
     Args:
         path: folder of the data set.
         out: new or empty folder outside the data set.
-        to: ``"maniskill"``: one folder for each task, which ManiSkill can replay; ``"lerobot"``: LeRobot v3.0;
-            ``"zarr"``: zarr in the layout of Diffusion Policy.
+        to: ``"maniskill"`` (folders to replay), ``"lerobot"`` (v3.0) or ``"zarr"`` (as Diffusion Policy).
         selection: filter of the episodes.
         observations: include rendered point clouds and images.
         assets: current folder of the objects, for ManiSkill and clearance; None: the recorded folder.

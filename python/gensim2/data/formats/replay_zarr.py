@@ -65,8 +65,7 @@ class ZarrWriter:
 
         Args:
             task: instruction of the task.
-            frames: (T, ...) by key, with the same keys and shapes in every episode. A key must not contain a slash,
-                because zarr and Diffusion Policy's replay buffer would create a subfolder for it.
+            frames: (T, ...) by key, with keys and shapes as in all episodes; no key has a slash.
 
         Raises:
             InputError: a key is missing, new or invalid, or its array's shape differs from earlier episodes.

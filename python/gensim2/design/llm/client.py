@@ -1,7 +1,6 @@
 """Query endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
-The ``openai`` library retries with back-off and obeys Retry-After; ``boundary`` cleans replies. This client drops
-request fields that an endpoint does not support, and explains errors to the user.
+``openai`` retries, ``boundary`` cleans replies; this client drops unsupported fields and explains errors.
 """
 
 from __future__ import annotations

@@ -26,8 +26,7 @@ class TaskCodeError(InputError):
     """Generated task code cannot be used; the message can be sent back to the model that wrote the code.
 
     Attributes:
-        kind: ``"syntax"``: the program is not Python; ``"refused"``: the program uses a forbidden construct;
-            ``"failed"``: a call or a name is wrong; ``"invalid"``: the described task is not valid.
+        kind: ``"syntax"``: not Python, ``"refused"``: forbidden, ``"failed"``: wrong name, ``"invalid"``: bad task.
         problems: one sentence for each fault, with the line if known.
     """
 

@@ -26,8 +26,7 @@ class Blueprint:
         joint_origin: (3,) a point on the joint axis, metres.
         joint_axis: (3,) direction of the joint axis; positive values open the joint.
         limits: joint value (rad or m) at openness 0, and joint value at openness 1.
-        keypoints: position (m) and description of each keypoint, by name. A keypoint whose name contains ``base`` is
-            fixed to the body; any other keypoint is fixed to the moving link.
+        keypoints: position (m) and description by name; with ``base`` fixed to the body, else to the moving link.
     """
 
     body: list[Solid]

@@ -84,8 +84,7 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Return the hulls of a decomposition, each (N, 3), and its statistics. The results come from the cache; if the
-    cached file is missing or damaged, ``make`` computes the results.
+    """Return a decomposition's hulls (N, 3) and statistics from the cache, or from ``make`` if damaged.
 
     Raises:
         InputError: the cache folder cannot be written to.

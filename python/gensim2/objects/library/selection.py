@@ -55,8 +55,7 @@ def select(
 
 
 def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
-    """Return the class and id of the first object that ``word`` selects. ``word`` is a class such as ``"drawer"``, or a
-    class with an id or set such as ``"drawer/3"`` or ``"drawer/test"``.
+    """Return class and id of the first object of ``word``: ``"drawer"``, ``"drawer/3"`` or ``"drawer/test"``.
 
     Raises:
         InputError: as for :func:`select`.

@@ -1,5 +1,4 @@
-"""Read the URDF files of objects with ``gensim2_kpam.read_urdf``. The module also reads the links of robots that are
-only displayed. Lengths keep the unit of the file, because the scale of an object is applied later.
+"""Read objects' URDF files with ``gensim2_kpam.read_urdf``, and robots' links, in the file's unit of length.
 
 A file is refused if its links do not form a tree or if its numbers are implausible.
 """
@@ -119,8 +118,7 @@ def read_urdf(folder: ObjectFolder) -> Urdf:
     """Read the URDF of an object.
 
     Raises:
-        AssetError: the file is unreadable, not XML or too large; a name is missing, repeated or unsuitable; the links
-            form no tree; mimic joints form a loop; a number is invalid or implausible.
+        AssetError: unreadable, not XML, too large, invalid names, no tree, looping mimics, implausible numbers.
     """
     return parse_urdf(folder.read(URDF, MAX_URDF), folder.path / URDF)
 

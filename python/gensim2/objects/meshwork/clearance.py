@@ -261,8 +261,7 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Cut ``hull`` by a plane, so that it no longer overlaps the other link. Return the remaining part, or None if
-    nothing remains. Return ``hull`` unchanged if no plane separates the overlap from the mesh surface.
+    """Cut the other link's overlap off ``hull``; return the rest, None, or ``hull`` without such a plane.
 
     Args:
         hull: (M, 3) vertices.

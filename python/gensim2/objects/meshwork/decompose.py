@@ -56,8 +56,7 @@ class Hull:
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Return the convex hull of points (N, 3). A hull thinner than ``THINNEST`` is thickened to ``THINNEST``. Return
-    None if the points extend less than ``SMALLEST`` in every direction.
+    """Return the hull of points (N, 3), at least ``THINNEST`` thick; None if below ``SMALLEST`` everywhere.
 
     At most ``MAX_VERTICES`` vertices are kept: the extreme points in directions that cover the sphere evenly.
     """

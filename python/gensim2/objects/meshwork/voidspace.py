@@ -265,8 +265,7 @@ def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
 def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
     """Return points at which the convex parts of both links overlap by more than ``threshold`` metres.
 
-    The region around the hinge is not examined. The list has one entry for each openness with such points: the pose
-    (4, 4) of the moving link, the points (N, 3) in the root frame, and the depth of each point (N,) in m.
+    Without the hinge's region; by openness: moving pose (4, 4), points (N, 3) in the root frame, depths (N,), m.
     """
     joint = instance.joint
     body = next((list(h) for link, h in instance.hulls.items() if link != joint.child_link), [])

@@ -25,8 +25,7 @@ class Arm(BaseModel):
     Attributes:
         name: name of the policy and of its folder.
         objects: training objects: ``"generated"``, or ``"real"`` from the run's asset folder.
-        count: number of generated training objects of each class. If ``objects`` is ``"real"``, they are added to the
-            real objects. With None, the policy trains only on the training split of the objects that ``objects`` names.
+        count: generated objects of each class, with ``"real"`` ones in addition; None: the training split.
         tasks: names of library tasks; one policy learns all of them.
         minutes_a_task: CPU time (min) of each task's data and training; None: the experiment's value.
         start: earlier policy of the experiment with the same training objects, whose weights and demonstrations are

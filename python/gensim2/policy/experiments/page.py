@@ -76,8 +76,7 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the coordinates of the report's figure: each policy's success rates and intervals by evaluation.
 
-    If the number of training objects is known for every policy, the horizontal axis shows this number on a logarithmic
-    scale. Otherwise the policies are evenly spaced.
+    The horizontal axis is the number of training objects, logarithmic, or else policies, evenly spaced.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1

@@ -27,8 +27,7 @@ class CollisionShape:
 
     Attributes:
         kind: ``"box"``, ``"sphere"``, ``"cylinder"``, ``"capsule"`` or ``"mesh"``.
-        size: dimensions, m. A box has three half lengths, a sphere has a radius, a cylinder or capsule has a radius and
-            a half length. The tuple is empty for a mesh.
+        size: m: a box's half lengths, a sphere's radius, a cylinder's or capsule's radius and half length, or none.
         vertices: (N, 3) vertices of a mesh, m.
         T: (4, 4) pose in the link frame.
     """

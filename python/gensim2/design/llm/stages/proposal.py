@@ -186,8 +186,7 @@ def reflection_on(
         task: the task as the model wrote it.
         name: name of the task.
         long: whether the task has several steps.
-        free: whether the task may use all criteria and several objects. The prompt for such a task contains no examples
-            of bad tasks, because some of those examples break rules that do not apply to this kind of task.
+        free: whether all criteria and several objects are allowed; the prompt then has no bad examples.
     """
     values = catalog.for_prompts()
     text = prompts.text("reflection", **values, task=dict(task), bad=prompts.bank["bad"], long=long, free=free)
