@@ -425,3 +425,13 @@ def test_a_camera_becomes_plain_data_in_one_place() -> None:
 def _named(node: ast.stmt) -> str | None:
     """Return the name of an annotated field of a class."""
     return node.target.id if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else None
+
+
+def test_the_type_of_arrays_is_defined_once() -> None:
+    """``Array`` has one definition; perception, keypose policies and chains still have their own."""
+    own = ("perception/", "policy/keypose/", "doing/", "rollout/chain")
+    for package in ("gensim2", "gensim2_robot"):
+        for path in sources(package):
+            if "Array = npt.NDArray[np.float64]" in path.read_text():
+                where = path.relative_to(PYTHON / package).as_posix()
+                assert where == "core/arrays.py" or where.startswith(own), path

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError, required
 from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.store import TaskStore
@@ -25,7 +26,6 @@ from gensim2.scenes.config import SceneConfig
 if TYPE_CHECKING:
     from gensim2.rollout.solving import SolvedStep
 
-Array = npt.NDArray[np.float64]
 
 CLOUD_POINT = 0.006
 """Size of a drawn point, m."""

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2.core.arrays import Array
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 

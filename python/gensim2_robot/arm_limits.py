@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
 from gensim2.robots.force import FORCE_LIMIT
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
-from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
 
 SHARE = 1e-6
 """Tolerance for rounding errors, as a fraction of a limit."""

@@ -15,10 +15,9 @@ from typing import Literal, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception import Camera
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 ArmMode = Literal["ready", "reflex", "refusing", "at-limit"]
 

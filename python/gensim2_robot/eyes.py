@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.perception import Camera, Encoder, Observation, ObservationSpec, Picture, RobotSegments
 from gensim2.perception.raycast.caster import Caster, CastSolid
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
 from gensim2.robots import RobotProfile
-from gensim2_robot.devices import Array, CameraFrame
+from gensim2_robot.devices import CameraFrame
 
 NEAR = 0.02
 """Maximum difference (m) between measured depth and the robot's meshes at which a pixel counts as robot."""

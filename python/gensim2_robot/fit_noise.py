@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
 from gensim2.perception import D435, DepthNoise
 from gensim2.perception.noise import NoiseFile, brightness, incidence, shadows
 from gensim2_robot.calibration.poses import read_standing
-
-Array = npt.NDArray[np.float64]
 
 MIN_PICTURES, MOST_PICTURES = 8, 60
 """Minimum and maximum number of images of one camera and scene for the fit."""

@@ -15,8 +15,9 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error
-from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
 
 SLACK = 1e-9
 """Tolerance for rounding errors: for speeds and accelerations as a fraction of the limit, for positions in rad or m."""

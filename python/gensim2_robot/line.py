@@ -13,8 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2_robot.arm import LimitedArm, Streamer
-from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.clocks import Clock
 from gensim2_robot.devices import CameraDriver, CameraFrame
 from gensim2_robot.eyes import SensorSnapshot

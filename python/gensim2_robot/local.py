@@ -8,9 +8,10 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.seeding import rng
-from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.clocks import SimulatedClock
 from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.mind import SLOW, Begin, ControllerAnswer, MindSpec, Question, Truth, think

@@ -13,6 +13,7 @@ from types import FrameType
 import numpy as np
 from pydantic import ValidationError
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.validation import input_error
 from gensim2.perception import Camera, DepthNoise, ObservationSpec
@@ -28,7 +29,7 @@ from gensim2.rollout.controller_spec import ControllerSpec, planner_spec
 from gensim2.rollout.inputs import TaskInput
 from gensim2.tasks.strategies import Strategies
 from gensim2_robot.arm import LimitedArm
-from gensim2_robot.arm_limits import ArmLimits, Array
+from gensim2_robot.arm_limits import ArmLimits
 from gensim2_robot.calibration.file import Calibration, calibrated, read_calibration, require_calibrated
 from gensim2_robot.calibration.file import serials as calibrated_serials
 from gensim2_robot.clocks import MachineClock, SimulatedClock

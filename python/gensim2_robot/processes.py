@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from gensim2.core.arrays import Array
 from gensim2.core.cores import usable_cores
 from gensim2.core.errors import GenSim2Error
 from gensim2.core.processes.fork_server import ignore_interrupts, start_fork_server
@@ -25,7 +26,7 @@ from gensim2.planning.scene import Scene
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
-from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.clocks import CONTROLLER_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmState
 from gensim2_robot.mind import Begin, ControllerAnswer, MindSpec, Question, think

@@ -10,12 +10,12 @@ from typing import Unpack
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.progress import NULL_PROGRESS
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.inputs import read_task_input
 from gensim2.scenes.config import SceneArguments
-from gensim2_robot.arm_limits import Array
 from gensim2_robot.config import SIMULATED, CameraSource, LineArguments, LineConfig
 from gensim2_robot.devices import ArmState, CameraFrame
 from gensim2_robot.line import PERIOD

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.core.seeding import rng
 from gensim2.objects import ObjectModel
 from gensim2.perception import D435, Camera, CameraError, DepthNoise
@@ -23,7 +24,7 @@ from gensim2.scenes.config import SceneConfig
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
-from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.devices import ArmMode, ArmState, CameraFrame
 
 if TYPE_CHECKING:

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gensim2.core.arrays import Array
 from gensim2.objects.library.prepare import creased, prepare
 from gensim2.objects.meshwork.clearance import Motion, cut_by_plane, decompose_pair
-from gensim2.objects.meshwork.convexes import Array, ConvexBlock, depth_inside
+from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside
 from gensim2.objects.meshwork.decompose import MAX_HULLS, MAX_HULLS_FOR_CLEARANCE, Faces, connected_pieces, decompose
 from gensim2.objects.meshwork.voidspace import Overlap, VoidSpace, links_overlap
 from gensim2.objects.model import LinkGeometry, Model

@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import TypeAdapter
 
 import gensim2_kpam as kpam
 from gensim2 import robots
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import parse_record
 from gensim2.robots.profile import rotation_matrix
-
-Array = npt.NDArray[np.float64]
 
 #: Time step (s) of the joint positions that are written for each motion.
 SAMPLE_DT = 0.005

@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, model_validator
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.tree import MAX_RECORD, read_input
 from gensim2.core.record_files import parse_record
-
-Array = npt.NDArray[np.float64]
 
 #: Maximum deviation of a rotation matrix from orthonormality, in single precision.
 ROTATION_TOLERANCE = 1e-4

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from gensim2.bench.problems import PlanProblem
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, read_urdf, shape_elements, unit_axis
@@ -82,7 +82,6 @@ def convex_points(points: Array) -> Array | None:
         return None
 
 
-Array = npt.NDArray[np.float64]
 Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attached"]
 
 #: Half extents (m) of the table in the recorded scenes. ``TABLE_CENTER`` (m) is its centre in the world frame.

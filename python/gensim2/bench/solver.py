@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2 import robots
@@ -21,7 +20,6 @@ from gensim2.bench.scene import ProblemScene, SceneObstacle, check_assets, probl
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
 
-Array = npt.NDArray[np.float64]
 Frames = Literal["original", "object"]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.objects import Library, ObjectModel
 from gensim2.objects.types import ArticulatedObject, Hulls
 from gensim2.perception.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
@@ -17,7 +18,6 @@ from gensim2.rollout.recording import Recording
 from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.tasks.spec import TABLE, TaskSpec
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FARTHEST = 0.2

@@ -9,14 +9,13 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.design.pictures import LazyPicture
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject, Kind
 from gensim2.objects.words import noun
 
-Array = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 JointType = Literal["revolute", "prismatic"]

@@ -16,15 +16,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.design import joint_search
 from gensim2.design.base import CandidateResult, StageResult
 from gensim2.design.diagnosis import Diagnosis
 from gensim2.design.manipulation import Manipulation
 from gensim2.rollout.record import Cause
-
-Array = npt.NDArray[np.float64]
 
 Question = Literal["reach", "follow", "effect"]
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from gensim2.objects.meshwork.convexes import ConvexBlock, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import OPENNESS, links_overlap
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import ArticulatedObject
-
-Array = npt.NDArray[np.float64]
 
 OVERLAP = 1.0  # mm, maximum overlap of moving link and body outside the hinge region
 BASE_GAP = 1.0  # mm, maximum distance between the object's lowest point and the table

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import BODY, ArticulatedObject, RigidObject
 from gensim2.perception.raycast.drawing import Drawing, fitting_distance
@@ -18,7 +18,6 @@ from gensim2.perception.raycast.shapes import WHITE, Surface, read_links, read_m
 if TYPE_CHECKING:
     from PIL import Image
 
-Array = npt.NDArray[np.float64]
 View = tuple[float, float]
 """Openness (0 to 1) in a picture and azimuth of the camera (degrees; 0: the robot's side, 90: its right)."""
 

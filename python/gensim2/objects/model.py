@@ -6,12 +6,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.shapes import Mesh, transform
 from gensim2.objects.types import Keypoint, joint_motion
-
-Array = npt.NDArray[np.float64]
 
 ROOT_LINK = "base"
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.shapes import convex_hull
 
-Array = npt.NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 

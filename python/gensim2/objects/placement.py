@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
 from gensim2.objects.shapes import rotation, transform
@@ -45,8 +45,6 @@ class PlacementRegion:
 STANDARD_REGION = PlacementRegion()
 """Region in which all objects are placed. Each robot stands where it reaches this region, so scenes are comparable."""
 
-
-Array = npt.NDArray[np.float64]
 
 SAMPLES = 13
 LYING = np.array(

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
+
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
 
-Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 Vec3 = Sequence[float] | Array
 

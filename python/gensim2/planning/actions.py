@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.robots import CLOSED, OPEN, RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 #: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06

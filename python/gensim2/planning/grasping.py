@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.strategies import GraspStrategy
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06

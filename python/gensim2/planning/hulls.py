@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.shapes import Look, hull_mesh
-
-Array = npt.NDArray[np.float64]
 
 
 def surface(hulls: tuple[Array, ...]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:

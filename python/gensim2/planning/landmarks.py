@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.meshwork.crossings import crossings
 from gensim2.planning.scene import Scene, SceneBody
-
-Array = npt.NDArray[np.float64]
 
 FLOOR = "floor"
 """Surface below an object's last keypoint: the floor inside a container, or the surface below a spout."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.objects.shapes import transform
 from gensim2.perception.raycast.drawing import Drawing, fitting_distance
 from gensim2.perception.raycast.kinematics import Tree, read_urdf
@@ -22,7 +22,6 @@ from gensim2.robots import RobotProfile
 if TYPE_CHECKING:
     from PIL import Image
 
-Array = npt.NDArray[np.float64]
 
 SIZE = 440
 """Width and height of each of the two views, pixels."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.types import joint_motion
 from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.world import carried_by
-
-Array = npt.NDArray[np.float64]
 
 
 def with_joint(scene: Scene, name: str, value: float) -> Scene:

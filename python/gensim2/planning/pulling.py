@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.grasping import hand_at
 from gensim2.planning.scene import JointState, Scene, SceneObject
 from gensim2.planning.strategies import KeypointStrategy, PullStrategy
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 #: Cosine between closing direction and joint motion above which a pad pulls by normal force.
 PADS_PULL = 0.7

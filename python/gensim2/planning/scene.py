@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
-Array = npt.NDArray[np.float64]
+from gensim2.core.arrays import Array
 
 CENTER = "rigidbody_object_center"
 """Name by which a solver config refers to a rigid object's centre of mass."""

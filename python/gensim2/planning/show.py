@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.core.errors import required
 from gensim2.planning.hulls import surface
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2_kpam.show import STEP, add_clock, add_text
-
-Array = npt.NDArray[np.float64]
 
 APART = 0.06
 """Minimum distance between two labels, m; closer labels are merged."""

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.actions import Schedule
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import Strategy
 from gensim2.tasks.spec import Step
-
-Array = npt.NDArray[np.float64]
 
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no usable grasp."""

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES
 from gensim2.planning.scene import Scene, SceneObject
@@ -16,8 +16,6 @@ from gensim2.planning.strategies import KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step
-
-Array = npt.NDArray[np.float64]
 
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01

@@ -9,9 +9,9 @@ from itertools import chain, product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_force, grip_on, schedule
 from gensim2.planning.grasping import ASIDE, COMPARED, DRAWN_OUT, HELD, grasp_config, grasps_of, lever_of, margin_of
@@ -24,8 +24,6 @@ from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStr
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import CLOSED, OPEN, RobotProfile
 from gensim2.tasks.spec import Step
-
-Array = npt.NDArray[np.float64]
 
 #: Options of every executed plan: a partial plan keeps the longest feasible part of the motion, which is executed.
 PLAN_OPTIONS: kpam.Options = {"allow_partial": True}

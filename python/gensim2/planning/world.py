@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.landmarks import UPRIGHT, UPRIGHT_HEIGHT
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 #: Name of the table in a scene.
 TABLE = "table"

@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.geometry import read_xml
 from gensim2.robots.description import read_description
-
-Array = npt.NDArray[np.float64]
 
 
 def fixed_base(

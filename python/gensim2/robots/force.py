@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.robots.profile import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 FORCE_LIMIT = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
+
 if TYPE_CHECKING:
     import gensim2_kpam as kpam
 
-Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 OPEN, CLOSED = 1.0, -1.0

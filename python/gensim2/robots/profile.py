@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.robots.gripper import OPEN, Gripper, Row
 
 if TYPE_CHECKING:
     import gensim2_kpam as kpam
 
-Array = npt.NDArray[np.float64]
 
 DEFAULT_ROBOT = "panda"
 """Name of the robot that is used if none is given."""

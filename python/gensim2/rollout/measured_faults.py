@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.rollout.motion import change
 from gensim2.rollout.record import Cause
 from gensim2.tasks.criteria import (
@@ -22,8 +22,6 @@ from gensim2.tasks.criteria import (
 )
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step
-
-Array = npt.NDArray[np.float64]
 
 LEAST_TRAVEL = 0.05
 """Minimum change of openness that shows that the hand has gripped the handle."""

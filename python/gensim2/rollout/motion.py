@@ -7,13 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
-
-Array = npt.NDArray[np.float64]
 
 SETTLED_CHANGE = 0.02
 """Openness change per second below which a joint counts as settled."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.rollout.checker_result import DONE, Mutation, WorldCount
@@ -43,7 +43,6 @@ from gensim2.tasks.spec import HAND, Step
 if TYPE_CHECKING:
     from gensim2.sim.headless import HeadlessEnv
 
-Array = npt.NDArray[np.float64]
 
 FAR = 0.25
 """Minimum distance of a joint from the wanted openness in worlds in which the joint was not moved there."""

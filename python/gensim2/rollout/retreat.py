@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.scene import Scene
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import RobotProfile
 from gensim2.rollout.motion import gripper_distance
 from gensim2.tasks.measurement import Measurement
 
-Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
-
-Array = npt.NDArray[np.float64]
 
 MAX_DRIFT = 0.005
 """Maximum distance (m) that an object may move before the hand touches it."""

@@ -12,14 +12,12 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.scenes.footprint import lowest_of_moving_link
 from gensim2.scenes.physics import PhysicsSource
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import BODY, ArticulatedObject
-
-Array = npt.NDArray[np.float64]
 
 JOINT_SAMPLES = 13
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.meshwork.interior import inner_box
 from gensim2.objects.types import BODY, ArticulatedObject
 
-Array = npt.NDArray[np.float64]
 Model = ArticulatedObject | RigidObject
 
 INSIDE = "inside"

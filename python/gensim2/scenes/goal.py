@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
@@ -25,7 +26,7 @@ from gensim2.tasks.criteria import (
     RigidOnRigid,
     all_hold,
 )
-from gensim2.tasks.measurement import Array, Measurement
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 _OF_POSES = (RigidLifted, RigidMoved, RigidOnRigid)

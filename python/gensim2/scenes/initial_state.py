@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.objects import RigidObject
@@ -34,8 +34,6 @@ from gensim2.scenes.randomize import (
 from gensim2.scenes.reset_options import ObjectOptions
 from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
-
-Array = npt.NDArray[np.float64]
 
 MAX_DRAWS = 100
 """Maximum number of random placements for one scene."""

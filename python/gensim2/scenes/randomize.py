@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.robots import RobotProfile
 from gensim2.tasks.presets import Preset
 from gensim2.tasks.spec import Randomization
-
-Array = npt.NDArray[np.float64]
 
 LIGHTEST, HEAVIEST = 0.5, 2.0
 """Minimum and maximum factor on masses in the ``wide`` preset."""

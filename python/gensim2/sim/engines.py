@@ -9,11 +9,12 @@ from typing import Protocol, cast
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.physics import Engine
-from gensim2.sim.parts import Array, Part, Row
+from gensim2.sim.parts import Part, Row
 from gensim2.sim.scene_state import RobotReader
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError, near
 from gensim2.core.seeding import check_seed
 from gensim2.perception import Observation, ObservationSpec
@@ -25,7 +26,7 @@ from gensim2.scenes.physics import physics_switches
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim.engines import scene_class
-from gensim2.sim.parts import Array, RigidPart, Row
+from gensim2.sim.parts import RigidPart, Row
 from gensim2.sim.scene_state import RobotReader, SceneAccessMixin, StandingRobot, read_scene
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec

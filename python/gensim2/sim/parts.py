@@ -13,13 +13,13 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.types import BODY, ArticulatedObject
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.scenes.geometry import measured_link
 from gensim2.scenes.initial_state import PlacedObject
 
-Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 

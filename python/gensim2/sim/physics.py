@@ -10,8 +10,6 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 from sapien import physx
 from sapien.wrapper.urdf_loader import URDFLoader
@@ -23,8 +21,6 @@ from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switch
 from gensim2.scenes.randomize import AS_IT_IS, Factors
 from gensim2.sim import original
 from gensim2.sim.gripper import robot_joints
-
-Array = npt.NDArray[np.float64]
 
 RIGID_CONTACT_OFFSET = 0.005
 """Contact offset (m) of all shapes in scenes with rigid objects and the default solver. With ManiSkill's 20 mm, each

@@ -9,12 +9,13 @@ import numpy.typing as npt
 import sapien
 from sapien import physx
 
+from gensim2.core.arrays import Array
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 from gensim2.sim.gripper import robot_joints
 from gensim2.sim.objects import link_name
-from gensim2.sim.parts import Array, ArticulatedPart, Frame, RigidPart, Row
+from gensim2.sim.parts import ArticulatedPart, Frame, RigidPart, Row
 from gensim2.sim.physics import JointResistance
 from gensim2.sim.scene_state import RobotReader
 

@@ -13,13 +13,14 @@ import numpy.typing as npt
 import sapien
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.objects import check_object
-from gensim2.sim.parts import Array, Row
+from gensim2.sim.parts import Row
 from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid, build_table
 from gensim2.sim.sapien_parts import (

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
@@ -16,8 +16,6 @@ from gensim2.scenes.initial_state import InitialState
 from gensim2.scenes.table import HALF_SIZE, corners
 from gensim2.sim.parts import ArticulatedPart, Frame, LazyMapping, Part, Parts, RigidPart
 from gensim2.tasks.measurement import Measurement
-
-Array = npt.NDArray[np.float64]
 
 _TABLE_HULLS = (corners(),)
 

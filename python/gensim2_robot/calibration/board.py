@@ -11,10 +11,9 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera
-
-Array = npt.NDArray[np.float64]
 
 LEAST_VIEWS = 4
 LEAST_CORNERS = 6

@@ -12,12 +12,11 @@ from scipy.ndimage import binary_opening
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.perception import Camera
 from gensim2_robot.calibration.surfaces import ArmView, RobotSurface, RobotView, check_views, shrunk
-
-Array = npt.NDArray[np.float64]
 
 FOCAL_BASELINE, DISPARITY_SIGMA = 21.25, 0.08
 """Expected depth error of a stereo pair, z^2 sigma / (f B): sigma (px), and f B (px m)."""

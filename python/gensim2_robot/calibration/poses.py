@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.foreign.limits import MAX_PICTURES, MAX_POSE_BYTES, MAX_POSES, MAX_STATES
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.seeding import rng
 from gensim2.perception import Camera
 from gensim2_robot.arm import LimitedArm
-from gensim2_robot.arm_limits import CYCLE, ArmLimits, Array
+from gensim2_robot.arm_limits import CYCLE, ArmLimits
 from gensim2_robot.calibration.surfaces import ArmView
 from gensim2_robot.clocks import Clock
 from gensim2_robot.devices import CameraDriver, CameraFrame

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.perception import Camera
 from gensim2.perception.raycast.caster import Caster, CastSolid
@@ -15,7 +16,6 @@ from gensim2.perception.raycast.kinematics import Tree, read_urdf
 from gensim2.perception.raycast.shapes import read_links
 from gensim2.robots import RobotProfile
 
-Array = npt.NDArray[np.float64]
 Depth = npt.NDArray[np.float32]
 
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error
 from gensim2.robots import OPEN, RobotProfile
-from gensim2_robot.arm_limits import CYCLE, Array
+from gensim2_robot.arm_limits import CYCLE
 from gensim2_robot.clocks import LOOP_PRIORITY, schedule_first
 from gensim2_robot.devices import ArmMode, ArmState
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import required
 from gensim2.robots import RobotProfile
-from gensim2_robot.arm_limits import Array
 from gensim2_robot.devices import ArmMode
 from gensim2_robot.drivers.streamed import DriverError, StreamedArm, finite
 

@@ -7,11 +7,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.core.seeding import rng
 from gensim2.objects.generators.blueprint import Blueprint
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.model import LinkGeometry, Model
-from gensim2.objects.shapes import Array, Solid, pose, transform
+from gensim2.objects.shapes import Solid, pose, transform
 from gensim2.objects.types import Keypoint
 
 LICENSE = "Apache-2.0"

@@ -24,13 +24,12 @@ from filelock import FileLock
 from pydantic import TypeAdapter
 
 import gensim2
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError, one_line
 from gensim2.core.files import cache_dir, write_atomic
 from gensim2.core.foreign.limits import MAX_OBJECT
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.types import ArticulatedObject, AssetError, RigidObject
-
-Array = npt.NDArray[np.float64]
 
 MANIFEST, INSTANCE, URDF = "files.json", "instance.json", "mobility.urdf"
 #: Exceptions of NumPy's archive reader on corrupt or truncated files.

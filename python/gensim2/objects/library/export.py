@@ -17,16 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import opened_mesh, read_xml
 from gensim2.objects.library.meshes import write_obj
 from gensim2.objects.library.prepare import numbers, rpy_from_matrix
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, transform
 from gensim2.objects.types import ArticulatedObject
-
-Array = npt.NDArray[np.float64]
 
 MESHES = "textured_objs"
 OCCUPIED = "choose another folder with --out, or replace it with --force"

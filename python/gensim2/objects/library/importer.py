@@ -50,8 +50,8 @@ from statistics import median
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_TEXT, MAX_OBJECT, MAX_OBJECT_JSON
@@ -80,8 +80,6 @@ from gensim2.objects.library.urdf import (
 )
 from gensim2.objects.shapes import Mesh, pose, transform
 from gensim2.objects.types import AssetError, MissingFileError, joint_motion
-
-Array = npt.NDArray[np.float64]
 
 OTHER_SIZE = 0.3  # m, assumed longest side of an object whose class has no generated objects
 CONTINUOUS_RANGE = (0.0, math.pi / 2)

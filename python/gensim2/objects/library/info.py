@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_TEXT, MAX_KEYPOINTS
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import plain_name
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import AssetError, Keypoint
-
-Array = npt.NDArray[np.float64]
 
 INFO = "info.json"
 UNSTATED = "unstated"  # value for a model whose author states no licence terms

@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.limits import FARTHEST_VERTEX, MAX_LOOKS, MAX_MATERIALS, MAX_OBJ, MAX_TRIANGLES
 from gensim2.core.foreign.tree import Reference, shortened
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import URDF, Primitive, ShapeElement
 from gensim2.objects.shapes import Look, Mesh, transform
 from gensim2.objects.types import AssetError, MissingFileError
-
-Array = npt.NDArray[np.float64]
 
 DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from gensim2.core.arrays import Array
 from gensim2.objects.model import LinkGeometry, Model
 from gensim2.objects.physics import GRAVITY, Inertial, class_rule, inertial, joint_resistance
 from gensim2.objects.placement import place
 from gensim2.objects.shapes import Look, Mesh, hull_mesh
 from gensim2.objects.types import ArticulatedObject, MovingJoint
 
-Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 CREASE = np.cos(np.radians(35))

@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
+from gensim2.core.arrays import Array
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.library.cache import cached_hulls, source_digest
 from gensim2.objects.library.folder import ObjectFolder
@@ -48,8 +48,6 @@ from gensim2.objects.meshwork.decompose import piece_hulls
 from gensim2.objects.model import ROOT_LINK, LinkGeometry, Model
 from gensim2.objects.shapes import Mesh
 from gensim2.objects.types import AssetError, Hulls
-
-Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25

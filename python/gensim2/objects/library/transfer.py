@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 from trimesh.triangles import closest_point
 
+from gensim2.core.arrays import Array
 from gensim2.objects.meshwork.convexes import surface_samples
 from gensim2.objects.shapes import Mesh, transform
 from gensim2.objects.types import ArticulatedObject
-
-Array = npt.NDArray[np.float64]
 
 ON_SURFACE = 0.01
 """Maximum distance (m) of a keypoint from its link at which the keypoint lies on the surface of the link."""

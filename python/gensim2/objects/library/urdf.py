@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.core.foreign.limits import LARGEST_VALUE, LONGEST_LINK_NAME, MAX_MIMICS
 from gensim2.objects.library.folder import ObjectFolder
@@ -24,7 +25,6 @@ from gensim2.objects.types import AssetError
 if TYPE_CHECKING:
     import trimesh
 
-Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
 MOVABLE = ("revolute", "prismatic", "continuous")

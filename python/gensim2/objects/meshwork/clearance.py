@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
+from gensim2.core.arrays import Array
 from gensim2.objects.meshwork.convexes import (
     HINGE,
     ConvexBlock,
@@ -27,7 +28,6 @@ from gensim2.objects.meshwork.decompose import THINNEST, Faces, connected_pieces
 from gensim2.objects.meshwork.voidspace import VoidSpace
 from gensim2.objects.shapes import pose, transform
 
-Array = npt.NDArray[np.float64]
 Pieces = Sequence[tuple[Array, Faces]]
 
 # Number of joint values for cutting overlaps; the later check uses every second one.

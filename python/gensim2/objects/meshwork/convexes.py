@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-Array = npt.NDArray[np.float64]
+from gensim2.core.arrays import Array
 
 HINGE = 0.012  # m, radius around the joint axis of the hinge region, in which links may overlap
 SAMPLE_SPACING = 0.006  # m, distance between neighbouring sample points on a hull's surface

@@ -18,10 +18,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from gensim2.core.arrays import Array
 from gensim2.objects.meshwork.convexes import heights
 from gensim2.objects.meshwork.voidspace import NEEDED_VOLUME, VoidSpace
 
-Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 THINNEST = 0.003  # m: thinner pieces are thickened, since physics engines cannot handle them

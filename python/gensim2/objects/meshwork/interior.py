@@ -18,9 +18,8 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
+from gensim2.core.arrays import Array
 from gensim2.objects.meshwork.crossings import HullsKey, crossings
-
-Array = npt.NDArray[np.float64]
 
 CELL = 0.005
 """Edge length of a grid cell, m; for a link longer than ``CELLS`` cells, its longest side divided by ``CELLS``."""

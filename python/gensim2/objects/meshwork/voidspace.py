@@ -11,6 +11,7 @@ import trimesh
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.geometry import opened_mesh
 from gensim2.objects.meshwork.convexes import (
     HINGE,
@@ -24,7 +25,6 @@ from gensim2.objects.meshwork.convexes import (
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import ArticulatedObject
 
-Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
 FINEST = 0.003  # m, edge length of a cell

@@ -7,8 +7,8 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.geometry import opened_mesh, read_xml
 from gensim2.objects import RigidObject
 from gensim2.objects.library.prepare import box_of
@@ -17,8 +17,6 @@ from gensim2.objects.physics import Inertial
 from gensim2.objects.shapes import convex_hull
 from gensim2.objects.types import BODY
 from gensim2.perception.raycast.kinematics import read_urdf
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import ObjectModel
 from gensim2.perception import Camera
 from gensim2.perception.raycast.drawing import SKY
@@ -18,7 +19,6 @@ from gensim2.perception.raycast.state_drawing import StateDrawing
 from gensim2.robots import RobotProfile
 from gensim2.sim.driver import gl_context
 
-Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.uint8]
 
 NEAR, FAR = 0.02, 100.0

@@ -12,13 +12,13 @@ from itertools import combinations, product
 import mujoco
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.objects import RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import JointDrive, RobotProfile
 from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.scenes.table import HALF_SIZE
 from gensim2.sim.mujoco.description import CollisionShape, Link, links_of, never_touching, rigid_link
-from gensim2.sim.parts import Array
 
 PHYSICS_HZ = 500
 """Minimum physics rate, Hz; a robot with a higher ``physics_hz`` uses that rate."""

@@ -6,12 +6,13 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import RobotProfile
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 from gensim2.sim.mujoco.model import mixed_name, surface_friction
-from gensim2.sim.parts import Array, ArticulatedPart, Frame, RigidPart, Row
+from gensim2.sim.parts import ArticulatedPart, Frame, RigidPart, Row
 from gensim2.sim.scene_state import RobotReader
 
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.robots import OPEN, RobotProfile
@@ -17,7 +18,7 @@ from gensim2.sim.engines import checked_command
 from gensim2.sim.mujoco.description import links_of, never_touching
 from gensim2.sim.mujoco.model import build_model, mixed_name, steps_of
 from gensim2.sim.mujoco.parts import MujocoArticulatedPart, MujocoRigidPart, MujocoRobot, Simulation
-from gensim2.sim.parts import Array, Row
+from gensim2.sim.parts import Row
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

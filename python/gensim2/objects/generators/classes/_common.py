@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.objects.generators.blueprint import Blueprint
-from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, pose, ring, rod, rotation
+from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, loft, pose, ring, rod, rotation
 
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]

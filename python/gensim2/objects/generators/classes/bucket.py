@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Array, Solid, arc, ball, cone, path, rod, tube
+from gensim2.objects.shapes import Solid, arc, ball, cone, path, rod, tube
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gensim2.core.arrays import Array
 from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
 from gensim2.objects.generators.classes import _common as c
-from gensim2.objects.shapes import Array, Solid, box, path, rounded_box, tray
+from gensim2.objects.shapes import Solid, box, path, rounded_box, tray
 
 
 @dataclass(frozen=True)

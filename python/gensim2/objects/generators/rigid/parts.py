@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from gensim2.objects.shapes import Array, Look, Mesh, Solid, Vec3, box, convex, pose, ring, swept, turned_profile
+from gensim2.core.arrays import Array
+from gensim2.objects.shapes import Look, Mesh, Solid, Vec3, box, convex, pose, ring, swept, turned_profile
 
 
 @dataclass(frozen=True)
