@@ -9,6 +9,15 @@ from gensim2.robots.profile import RobotProfile
 
 FORCE_LIMIT = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
+PRESSING = 210.0
+"""Maximum force (N) with which the drives press on an object. It is 1.5 times the limit at which the robot line stops
+the arm: with less, many real toasters, faucets and doors are not moved in time.
+"""
+BEHIND = 0.01
+"""Distance (m) of the limited target of the tool from the requested one above which the arm is behind its plan."""
+BLOCKED_SHARE = 0.3
+"""An arm that presses with the largest permitted force counts as blocked below this fraction of the speed that it would
+have without an obstacle."""
 LEAST_COMPLIANCE = 1e-7
 """Lower bound of the tool's compliance, m/N, for arms in a singular configuration."""
 HALVINGS = 40
@@ -72,6 +81,17 @@ class Yielding:
             force = max(self._force(jacobian, stretched) for jacobian in points)
         found = coasting + min(1.0, self.limit / force) * stretched
         return found, float(np.linalg.norm(points[0] @ (asked - found)))
+
+    def is_blocked(self, q: Array, qvel: Array, targets: Array) -> bool:
+        """Return whether an obstacle stops the arm.
+
+        Args:
+            q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
+            targets: (m,) limited targets of the arm's drives, rad or m.
+        """
+        ahead = targets - q[self._columns]
+        # Without an obstacle, the distance to the targets is the tracking delay times the velocity.
+        return bool(self.profile.lags * qvel[self._columns] @ ahead <= BLOCKED_SHARE * (ahead @ ahead))
 
     def _jacobians(self, q: Array) -> list[Array]:
         """Return the Jacobians (3, m) of the positions of the tool and of the hand."""

@@ -27,7 +27,7 @@ from gensim2.perception.noise import read_noise
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import Strategy, centered
 from gensim2.robots import DEFAULT_ROBOT, robot
-from gensim2.robots.force import Yielding
+from gensim2.robots.force import BEHIND, PRESSING, Yielding
 from gensim2.rollout.chain import NOT_DONE, WAIT_SECONDS, ChainController
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
@@ -41,17 +41,8 @@ from gensim2.tasks.spec import Step, TaskSpec
 
 SLACK = 0.03
 """Maximum excess (m) of the distance of an object from its goal if the controller leaves the object there."""
-PRESSING = 210.0
-"""Maximum force (N) with which the drives press on an obstacle. It is 1.5 times the limit at which the robot line stops
-the arm: with less, many real toasters, faucets and doors are not moved in time.
-"""
-BEHIND = 0.01
-"""The plan pauses while the limited target of the tool is farther than this distance (m) behind the planned one."""
 BLOCKED_SECONDS = 0.25
 """Time (s) for which an obstacle must block the arm on its way to the object before the motion ends."""
-BLOCKED_SHARE = 0.3
-"""An arm that presses with the largest permitted force counts as blocked below this fraction of the speed that it would
-have without an obstacle."""
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 
@@ -188,11 +179,7 @@ class _Chain(ChainController):
 
     def _is_blocked(self, observation: PrivilegedObservation, targets: npt.NDArray[np.float64]) -> bool:
         """Return whether an obstacle stops the arm although it presses with the largest permitted force."""
-        columns = list(self._profile.arm_columns)
-        ahead = targets - observation.q[columns]
-        moved = self._profile.lags * observation.qvel[columns]
-        # Without an obstacle, the distance to the targets is the tracking delay times the velocity.
-        if moved @ ahead > BLOCKED_SHARE * (ahead @ ahead):
+        if not self._force.is_blocked(observation.q, observation.qvel, targets):
             self._blocked = 0
             return False
         self._blocked += 1

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.perception import Observation
 from gensim2.perception.estimation.estimator import BUILTIN, ESTIMATOR_JSON, SceneEstimator, estimator_folder
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.policy.control import Sees
 from gensim2.policy.keypose.controller import MAX_TRIES, KeyposeController
 from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.training import read_goals
+from gensim2.robots.force import PRESSING, Yielding
 from gensim2.tasks.criteria import JOINT
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +43,9 @@ class PerceivingKeyposeController(KeyposeController):
     - The estimate shows that the joint is at its goal, and the network considers it likely that the task is done.
     - The network is sure that the task is done, and the estimate does not contradict.
 
-    If the joint stood still during a program, the controller tries the other strategies before it repeats the strategy.
+    During a program the arm presses with a limited force (:mod:`~gensim2.robots.force`), and the tracker learns whether
+    the object has blocked the arm. If the joint stood still, the controller tries the other strategies before it
+    repeats the strategy.
 
     If the task has several objects, a rigid object, or an object of a class that the estimator does not know, only the
     network decides.
@@ -69,6 +73,22 @@ class PerceivingKeyposeController(KeyposeController):
         self._estimator = SceneEstimator.load(estimator, self._profile)
         self._goals = read_goals(self._folder)
         self._tracker: GoalTracker | None = None
+        self._yielding = Yielding(self._profile, PRESSING)
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        super().reset(observation, seed)
+        self._is_pressed, self._ran = False, 0
+
+    def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
+        is_new = not self._rows
+        action = super().act(observation)
+        self._ran = 0 if is_new else self._ran + 1
+        if action is None or self._ran not in self._touching:
+            return action
+        q, qvel = (each.astype(np.float64) for each in (observation.joint_positions, observation.joint_velocities))
+        targets, short = self._yielding.targets(q, qvel, action[:-1].astype(np.float64), is_free=False)
+        self._is_pressed |= short > 0.0 and self._yielding.is_blocked(q, qvel, targets)
+        return np.append(targets, action[-1]).astype(np.float32)
 
     def _judged(self, points: Array, q: Array, done: float) -> bool:
         is_first = self.told["looks"] == 1
@@ -79,7 +99,8 @@ class PerceivingKeyposeController(KeyposeController):
             return self._is_done(done)
         if not is_first:
             tracker.begin_motion()
-        tracker.take_in(points.astype(np.float32))
+        tracker.take_in(points.astype(np.float32), dict.fromkeys(tracker.articulated, self._is_pressed))
+        self._is_pressed = False
         if not tracker.is_seen:
             return self._is_done(done)
         [followed] = tracker.articulated.values()

@@ -229,6 +229,7 @@ class Track:
         change: displacement of the joint in the latest motion, rad or m; None if it was not measured.
         misses: number of motions that did not move the joint since a motion last moved it.
         latest: estimate from the last cloud alone; None: the same as ``found``.
+        was_pressed: whether the object blocked the arm in the latest motion.
     """
 
     found: ObjectEstimate
@@ -238,6 +239,7 @@ class Track:
     change: float | None = None
     misses: int = 0
     latest: ObjectEstimate | None = None
+    was_pressed: bool = False
 
     @property
     def to_plan(self) -> ObjectEstimate:
@@ -325,9 +327,13 @@ class Track:
         has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
         # The hand has pressed on the part for the second time without moving it.
         resists = bool(is_pressed and is_still and self.misses)
-        if goal and (has_ended or resists or (is_pressed and goal * change >= MOVED[kind])):
-            most = MOST_DEVIATIONS * new.openness_deviation
-            if new.openness_deviation <= UNKNOWN:
+        ends_pressed = bool(is_pressed and goal * change >= MOVED[kind])
+        if goal and (has_ended or resists or ends_pressed):
+            most, shown = MOST_DEVIATIONS * new.openness_deviation, new.openness
+            if ends_pressed:
+                # An object also resists on its way, if the hand pushes in a wrong direction.
+                most, shown = min(most, NEAR_END), shown if new.openness_deviation <= UNKNOWN else openness
+            elif new.openness_deviation <= UNKNOWN:
                 most = min(most, FAR_FROM_END)
             if (self.misses and not resists) or (is_pressed and has_ended):
                 most = max(most, REPEATED)
@@ -335,14 +341,15 @@ class Track:
                 # The hand may also have missed the moving part.
                 most = min(most, NEAR_END)
             # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole, such
-            # as a lifted bucket, because its cloud does not show the joint range.
-            is_certain = has_ended and sum((bool(is_pressed), self.misses > 0, bool(found.moving.all()))) >= 2
-            if is_certain or abs(new.openness - end) <= most:
+            # as a lifted bucket, because its cloud does not show the joint range. A second resistance is also enough.
+            signs = sum((bool(is_pressed), self.misses > 0, bool(found.moving.all())))
+            is_certain = has_ended and (signs >= 2 or bool(is_pressed and self.was_pressed))
+            if is_certain or abs(shown - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
             # A part that may have reached its end is there, because it seldom stops shortly before its end.
             openness, deviation = end, ABSOLUTE
-        return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest)
+        return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest, bool(is_pressed))
 
     def _way_to_goal(self, found: ObjectEstimate, cloud: Points, goal: int) -> Displacement | None:
         """Return the displacement towards the goal at which a cloud has points of the moving part, or the displacement

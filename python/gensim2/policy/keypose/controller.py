@@ -151,6 +151,8 @@ class KeyposeController:
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
         self._until_gripped: int | None = None
+        # Control steps of the latest program in which it may touch the object.
+        self._touching = range(0)
         self._home, self._empty = observation.joint_positions.astype(np.float64), observation[GRIPPER]
         self._seen = self._executor.around.seen(np.zeros((0, 3)), self._home, holds=False)
 
@@ -260,6 +262,7 @@ class KeyposeController:
         if not found.is_whole:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
+        self._touching = range(found.contact, len(found.actions))
         step, takes = self._step(answer), program.force > HOLDS
         # The next prediction may repeat this step or begin the next one. After the last step, "done" is expected.
         self._expected = {step, step + 1}
@@ -279,7 +282,7 @@ class KeyposeController:
         the step that grasps the object.
         """
         self.told["lost"] += 1
-        self._holds, self._expected = False, {self._taking}
+        self._holds, self._expected, self._touching = False, {self._taking}, range(0)
         now = observation.joint_positions.astype(np.float64)
         back = self._executor.rest(now, self._home, OPEN, self._seen.without_held)
         self.told[f"home {back.free}"] += 1

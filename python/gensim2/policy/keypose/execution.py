@@ -45,12 +45,14 @@ class Execution:
         actions: (N, m + 1) targets of the m arm joints and the gripper command, for N control steps.
         free: obstacles that the motion to the first pose of the program avoids.
         reached: number of the program's poses that the actions reach; ``KEYPOSES`` for the complete program.
+        contact: index of the first action after the free motion; the program may touch the object from there on.
         gripped: index of the first action after the fingers have opened or closed at the actuation pose.
     """
 
     actions: Row
     free: Free
     reached: int
+    contact: int
     gripped: int
 
     @property
@@ -105,14 +107,14 @@ class Executor:
             rows.dwell(q[self._arm], begin, self._profile.gripper_steps)
         rows.command = begin
         free = self._free(rows, q, path.joints[0], seen)
-        gripped = 0
+        contact, gripped = len(rows), 0
         for first, last, number in self._segments(program, path):
             rows.follow(self._timed(program, path, first, last))
             rows.act(path.joints[last][self._arm], float(program.gripper[number + 1]), gently=program.force > 0)
             if number == ACTUATION:
                 gripped = len(rows)
         rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
-        return Execution(rows.actions(), free, path.reached, gripped)
+        return Execution(rows.actions(), free, path.reached, contact, gripped)
 
     def _followed(
         self, program: KeyposeProgram, q: Array, seen: Seen, further: float
@@ -135,7 +137,7 @@ class Executor:
         rows = _Rows(self._profile, command)
         free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, seen)
         rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
-        return Execution(rows.actions(), free, KEYPOSES, len(rows))
+        return Execution(rows.actions(), free, KEYPOSES, len(rows), len(rows))
 
     def _free(self, rows: _Rows, q: Array, goal: Array, seen: Seen) -> Free:
         q, goal = q.copy(), goal.copy()
