@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gensim2.design.drafting import chains
+from gensim2.design.skills import ASIDE
 from gensim2.doing.composing import compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import Put, Refusal, SentenceError, Step
 from gensim2.objects import Library
+from gensim2.planning.scene import MEASURED
 from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import robot
+from gensim2.rollout.chain import ChainController
+from gensim2.rollout.run import run
 from gensim2.scenes.initial_state import sample_initial_state
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_task
 
 ROBOT = "panda"
@@ -69,6 +76,42 @@ def test_the_last_step_of_a_joint_is_the_goal(library: Library) -> None:
     task = compose(parse("open the suitcase and close it"), library, ROBOT).task
     assert [each.type for each in task.success] == ["articulated_closed"]
     assert task.objects["suitcase"].randomization.openness_mean == 0.5, "the goal is not met at the start"
+
+
+def placements(library: Library, sentence: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the first constraints of the strategies that put something somewhere, by the name of the step."""
+    found = compose(parse(sentence), library, ROBOT)
+    return {
+        step.name: [found.strategies[name]["constraint_list"][0] for name in step.strategies]
+        for step in found.task.steps
+        if step.tool != "hand"
+    }
+
+
+@pytest.mark.parametrize("goal", ["into the microwave", "into the drawer", "into the box"])
+def test_the_keypoint_that_success_measures_is_placed(library: Library, goal: str) -> None:
+    """A screwdriver is measured at its handle, which is 17 cm away from its first keypoint."""
+    (rows,) = placements(library, f"put the screwdriver {goal}").values()
+    assert {row["keypoint_name"] for row in rows} == {MEASURED}
+
+
+def test_two_objects_in_one_container_lie_side_by_side(library: Library) -> None:
+    first, second = placements(library, "put the banana and the peach into the microwave").values()
+    assert {row["target_offset"][1] for row in first} == {ASIDE}
+    assert {row["target_offset"][1] for row in second} == {-ASIDE}
+
+
+def test_an_object_that_is_taller_than_the_drawer_is_laid_down(library: Library) -> None:
+    found = compose(parse("put the bottle of bleach into the drawer"), library, ROBOT)
+    assert all(name.startswith("lay_") for name in found.task.steps[-1].strategies)
+
+
+@pytest.mark.parametrize("sentence", ["put the marker into the microwave", "put the screwdriver into the refrigerator"])
+def test_long_objects_are_put_into_containers(library: Library, sentence: str) -> None:
+    found = compose(parse(sentence), library, ROBOT)
+    env = HeadlessEnv(found.task, assets="builtin", engine="mujoco")
+    controller = ChainController(found.task, found.strategies, robot(ROBOT))
+    assert sum(run(env, controller, seed=seed).episode.held for seed in range(3)) >= 2
 
 
 JOINTS = sorted(solved(), key=str)

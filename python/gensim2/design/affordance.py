@@ -65,6 +65,7 @@ class Affordance:
         joint_axis: ``"vertical"`` or ``"level"``: direction of a hinge's axis or of a prismatic motion.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
+        measured_at: (3,) measured keypoint of a rigid object relative to its middle, in the resting pose, m.
         picture: picture of one instance with labelled keypoints, or None.
         samples: the articulated instances that the values summarize.
     """
@@ -82,6 +83,7 @@ class Affordance:
     joint_axis: Literal["vertical", "level"] | None = None
     default_openness: float | None = None
     grip_width: float | None = None
+    measured_at: Triple = (0.0, 0.0, 0.0)
     picture: LazyPicture | None = field(default=None, compare=False)
     samples: tuple[ArticulatedObject, ...] = field(default=(), compare=False, repr=False)
 
@@ -128,7 +130,7 @@ class Affordance:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data without the picture, the samples and empty fields."""
-        left_out = ("picture", "samples")
+        left_out = ("measured_at", "picture", "samples")
         values = {each.name: getattr(self, each.name) for each in fields(self) if each.name not in left_out}
         return {name: value for name, value in values.items() if value not in (None, {})}
 
@@ -154,7 +156,8 @@ class Affordance:
             "picture": picture,
         }
         if isinstance(first, RigidObject):
-            return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
+            at = _triple(np.mean([_measured_at(each) for each in objects], axis=0))
+            return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, measured_at=at, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
         # Average instances of the more frequent joint type, because units differ (rad, m).
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
@@ -242,6 +245,14 @@ def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | Non
 def _triple(values: Array) -> Triple:
     x, y, z = (round(float(value), 3) + 0.0 for value in values)
     return x, y, z
+
+
+def _measured_at(model: ArticulatedObject | RigidObject) -> Array:
+    """Return the field ``measured_at`` of one rigid object."""
+    turn = model.placement.rotation
+    corners = np.concatenate([hull for hulls in model.hulls.values() for hull in hulls]) @ turn.T
+    point = list(model.keypoints.values())[-1].position
+    return np.asarray(turn @ point - (corners.min(axis=0) + corners.max(axis=0)) / 2)
 
 
 def _extents(model: ArticulatedObject | RigidObject) -> np.ndarray[Any, Any]:

@@ -174,7 +174,10 @@ class OfflineDesigner:
             if thing.kind == "rigid":
                 return skills.places_on(thing, held)
             if thing.is_container:
-                return skills.places_in(thing, held)
+                # Two objects in one container lie side by side.
+                tools = [each.tool for each in task.steps if each.object == step.object and each.tool != HAND]
+                aside = 0.0 if len(tools) < 2 else skills.ASIDE * (1 if step.tool == tools[0] else -1)
+                return skills.places_in(thing, held, aside)
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
                 if isinstance(criterion, ArticulatedBetween):

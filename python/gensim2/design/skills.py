@@ -7,9 +7,13 @@ class; those that place objects are computed from sizes. The planner uses a step
 from __future__ import annotations
 
 import copy
+import itertools
 from typing import Any, Literal
 
+import numpy as np
+
 from gensim2.design.affordance import Affordance
+from gensim2.planning.scene import CENTER, MEASURED
 from gensim2.tasks.library import shared_strategy
 from gensim2.tasks.strategies import Strategies
 
@@ -61,7 +65,19 @@ _IN_BOXES = ("place_deep_in_box", "place_in_box", "drop_into_box")
 _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0), 0.6), ((0.6, 0.3, -0.74), 0.9))
 
 #: Heights in metres above the floor of a cabinet at which an object is released, lowest first.
-_ABOVE_FLOOR = (0.022, 0.045, 0.06)
+_ABOVE_FLOOR = (0.012, 0.03, 0.06)
+
+#: Minimum distance in metres from the centre of a rigid object to its measured keypoint for the object to be long.
+LONG = 0.055
+
+#: Distance in metres to either side of the middle of a container at which each of two objects is placed.
+ASIDE = 0.025
+
+#: Number of strategies for a container that are tried first with a level object, if the object is long.
+LYING = 8
+
+#: Maximum distance in metres of the measured keypoint of a long object from the goal.
+LYING_NEAR = 0.02
 
 #: Motions that carry a grasped object in each hand-over direction. Solver configs use the same names of motions.
 _HANDING: dict[str, tuple[str, ...]] = {
@@ -100,24 +116,39 @@ def grasps() -> Strategies:
     return {name: shared_strategy(name) for name in _GRASPS}
 
 
-def places_in(container: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that put the grasped object into an articulated container."""
-    if container.joint_type == "prismatic":
-        return {name: shared_strategy(name) for name in _IN_DRAWERS}
-    if container.joint_axis == "level":
-        return {name: shared_strategy(name) for name in _IN_BOXES}
-    low = "rigidbody_object_tail" if _stands(thing) else "rigidbody_object_head"
-    lift = 0.0 if _stands(thing) else thing.size[2] / 2
+def places_in(container: Affordance, thing: Affordance, aside: float = 0.0) -> Strategies:
+    """Return strategies that put the grasped object into an articulated container.
+
+    Args:
+        container: class of the container.
+        thing: class of the grasped object.
+        aside: distance to the left of the measured keypoint of the container, m.
+    """
     found: Strategies = {}
-    for height in _ABOVE_FLOOR:
-        for number, (direction, tolerance) in enumerate(_INTO):
-            offset = (-0.015, 0.0, round(height + lift, 4))
-            found[f"reach_in_{1000 * height:.0f}_{number}"] = {
-                **_pose(low, "floor", offset, 0.02, direction, tolerance, [["translate_z", -0.12]]),
+    lowered = 0.0
+    if container.joint_type == "prismatic" or container.joint_axis == "level":
+        for name in _IN_DRAWERS if container.joint_type == "prismatic" else _IN_BOXES:
+            found[name] = copy.deepcopy(shared_strategy(name))
+            place = found[name]["constraint_list"][0]
+            place["keypoint_name"] = MEASURED
+            place["target_offset"][1] += aside if place["target_offset_frame"] == "world" else 0.0
+    else:
+        lowered = (thing.size[2] - min(thing.size)) / 2
+        for above, (number, (direction, tolerance)) in itertools.product(_ABOVE_FLOOR, enumerate(_INTO)):
+            offset = (-0.01, aside, round(above + thing.size[2] / 2, 4))
+            found[f"reach_in_{1000 * above:.0f}_{number}"] = {
+                **_pose(MEASURED, "floor", offset, 0.01, direction, tolerance, [["translate_z", -0.12]]),
                 "gripper": "release",
                 "let_go": 0.12,
             }
-    return found
+    reach, level = float(np.linalg.norm(thing.measured_at)), dict[str, dict[str, Any]]()
+    if reach > LONG:
+        level = {f"lay_{name}": _lying(way, reach, lowered) for name, way in list(found.items())[:LYING]}
+        if container.interior is not None and thing.size[2] > 2.0 * container.interior[2]:
+            return level  # The middle of the standing object would be above the container.
+    for way in found.values():
+        way["constraint_list"][0]["target_offset"][2] += thing.measured_at[2]
+    return {**level, **found}
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
@@ -126,7 +157,7 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {
         f"put_{'in' if hollow else 'on'}_{1000 * gap:.0f}": {
-            **_from_above("rigidbody_object_center", (0.0, 0.0, round(base + gap, 4)), 0.015, 0.7, ["move-up"]),
+            **_from_above(CENTER, (0.0, 0.0, round(base + gap, 4)), 0.015, 0.7, ["move-up"]),
             "gripper": "release",
             "let_go": 0.1,
         }
@@ -145,15 +176,32 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
     return found
 
 
-def _stands(thing: Affordance) -> bool:
-    """Return whether the tail keypoint marks the bottom: the object is over half as tall as wide."""
-    return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
+def _lying(strategy: dict[str, Any], reach: float, lowered: float) -> dict[str, Any]:
+    """Return a copy of a strategy that puts a long object down level and lower by ``lowered`` (m), with its measured
+    keypoint and its centre near the goal. The two points have the distance ``reach`` (m).
+    """
+    changed = copy.deepcopy(strategy)
+    place, *others = changed["constraint_list"]
+    place["target_offset"][2] -= lowered
+    place["tolerance"] = LYING_NEAR
+    center = {**place, "keypoint_name": CENTER, "tolerance": round(reach, 3)}
+    level = {
+        "type": "frame_axis_orthogonal",
+        "axis_from_keypoint_name": CENTER,
+        "axis_to_keypoint_name": MEASURED,
+        "target_axis": [0.0, 0.0, 1.0],
+        "target_axis_frame": "world",
+        "target_inner_product": 0.0,
+        "tolerance": 0.2,
+    }
+    changed["constraint_list"] = [place, center, *others, level]
+    return changed
 
 
 def _from_above(
     keypoint: str, offset: tuple[float, float, float], tolerance: float, lean: float, before: list[Any]
 ) -> dict[str, Any]:
-    return _pose(keypoint, "rigidbody_object_center", offset, tolerance, (0.0, 0.0, -1.0), lean, before)
+    return _pose(keypoint, CENTER, offset, tolerance, (0.0, 0.0, -1.0), lean, before)
 
 
 def _pose(
