@@ -26,7 +26,6 @@ def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
     """Run all checks; return each one's name, whether it passed, and a finding in words.
 
     Args:
-        robot_name: name of the robot.
         folder: folder in which a run would write its log.
     """
     found = []

@@ -52,7 +52,6 @@ def export(folder: Path, out: Path) -> dict[str, Any]:
 
     Args:
         folder: folder of the log.
-        out: folder to write to.
 
     Returns:
         ``seconds``: duration of the log; ``frames``: number of frames in the video; ``files``: written files.

@@ -54,8 +54,6 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     """Fit depth noise to those images of a log that show the arm at rest, and write the parameters to a file.
 
     Args:
-        log: folder of the log.
-        out: file to write.
         base: noise with the stereo pair's geometry and the parameters that cannot be estimated.
 
     Returns:

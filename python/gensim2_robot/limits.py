@@ -169,7 +169,6 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
 
     Args:
         action: (m + 1,) targets of the arm's joints, then the gripper command from -1 to 1.
-        limits: limits of the arm.
         here: (m,) current position of the arm, for the first action of an episode; None for later actions.
 
     Returns:

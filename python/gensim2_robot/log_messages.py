@@ -255,7 +255,6 @@ def message_of(topic: str, plain: dict[str, Any], arrays: dict[str, npt.NDArray[
     """Return a message of a log.
 
     Args:
-        topic: topic of the message.
         plain: fields of the message that are not arrays.
         arrays: array fields of the message by name.
 

@@ -37,10 +37,6 @@ class Parts:
 def load_parts(folder: Path, name: str) -> Parts:
     """Read an OBJ file and split it into connected parts; coincident vertices are merged.
 
-    Args:
-        folder: folder of the object.
-        name: name of the file in the folder.
-
     Raises:
         MissingFileError: the file does not exist.
         InputError: the file is not a mesh, is outside the folder, or has numbers that are not finite.

@@ -49,7 +49,6 @@ def scene_seeds(seed: int, task: str, purpose: str, count: int, start: int = 0) 
     """Return the seeds of ``count`` scenes from index ``start``; different purposes have independent seeds.
 
     Args:
-        task: name of the task.
         purpose: purpose of the scenes, for example ``"verify"``.
     """
     return [int(rng(seed, f"{task}/{purpose}", index).integers(2**31)) for index in range(start, start + count)]

@@ -59,8 +59,6 @@ def load_half_precision(network: torch.nn.Module, path: Path, sha256: str, max_b
     """Load weights that were written with 16 bits each into a network, and set the network to evaluation mode.
 
     Args:
-        network: the network.
-        path: file of the weights.
         sha256: required digest of the file's content, in hexadecimal digits.
         max_bytes: largest size of the file.
         remedy: remedy for the error message.

@@ -99,7 +99,6 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
 
     Args:
         described: for each task, the number of episodes and steps, and the objects.
-        out: folder to write to.
         kind: ``"native"`` or the name of an export format.
     """
     write_atomic(out / CARD, _text(dataset, described, kind))

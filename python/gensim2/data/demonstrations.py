@@ -69,7 +69,6 @@ def collect(
 
     Args:
         instances: name of the set of objects.
-        episodes: number of demonstrations.
         videos: number of videos, of the first demonstrations, or of failed episodes if all failed.
 
     Returns:

@@ -49,7 +49,6 @@ def film_again(config: EpisodeConfig, strategies: Strategies, seed: int, video: 
     """Run an episode again and record a video, even if the episode fails. Worker processes call this function.
 
     Args:
-        config: configuration of the episode.
         strategies: strategies of its task by name, as plain data.
         seed: seed of the episode.
         video: file to write, atomically; not written if the arm never moves.
@@ -83,7 +82,6 @@ def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video
 
     Args:
         episode: file of the episode, with states.
-        scene: scene of the episode.
         spec: observation spec of the controller; its point cloud is shown next to the image.
         video: file to write, atomically.
 

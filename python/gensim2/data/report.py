@@ -121,7 +121,6 @@ def report(
     """Analyse every episode of a data set, and write an HTML page and the quality measures into its folder.
 
     Args:
-        path: folder of the data set.
         videos: number of demonstrations of each task to record as videos.
         assets: current folder of the object library; None: the folder recorded in the data set.
 

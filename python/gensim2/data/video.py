@@ -292,7 +292,6 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     """Write frames as an H.264 mp4 and check that the encoder finished.
 
     Args:
-        path: file to write.
         frames: at least one image (H, W, 3); all images have the same size.
         frames_per_second: frame rate of the video.
         exact: whether to store a video for programs: it keeps the frame size (see :func:`pixel_format`) and has a key

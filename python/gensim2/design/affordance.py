@@ -203,7 +203,6 @@ def _facts(
     """Return the mean geometry of ``instances`` at the keypoint ``name``.
 
     Args:
-        instances: objects of one class.
         name: name of the keypoint.
         moves: whether the joint moves the keypoint.
         openness: openness of the joint.

@@ -44,11 +44,8 @@ def check_criteria(
     Args:
         task: task to check; its strategies are not used.
         evaluator: worker pool that builds the worlds.
-        instances: instances of the objects.
         seed: seed of the scenes.
-        scenes: number of scenes.
         files: the task's folder, in which ``checker.json`` stores the result; a second call reads the file.
-        progress: progress listener.
 
     Raises:
         NotRunError: some scenes could not be built.

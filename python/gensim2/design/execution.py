@@ -101,17 +101,13 @@ def verify(
     The verification ends early if the success rate can no longer reach the threshold.
 
     Args:
-        task: task to verify.
         strategies: strategies of its steps, by name.
         files: the task's folder.
         run: the run's folder.
         evaluator: worker pool that runs the episodes.
-        library: object library.
         apart: division of the instances into search and test instances; the episodes use the test instances.
-        episodes: number of episodes.
         seed: seed of the scenes.
         second: engine that repeats the verification if the task passes it in the first engine; None for one engine.
-        progress: progress listener.
 
     Raises:
         NotRunError: some episodes could not be run; all others are finished.

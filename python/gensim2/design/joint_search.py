@@ -85,7 +85,6 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
     Args:
         thing: object class with the joint to move.
-        opening: whether the joint is opened.
         goal: openness at which the motions end.
         count: maximum number of alignments.
         seed, what: seed of the random selection, and a name that makes it independent of others.
@@ -101,7 +100,6 @@ def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
     """Return a copy of ``parent`` with random offsets, retreat, tolerance, motion and openness at the end.
 
     Args:
-        parent: manipulation to vary.
         halfway: whether the goal lies between the joint limits; the openness at the end is then kept.
         generator: random number generator.
     """

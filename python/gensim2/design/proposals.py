@@ -153,7 +153,6 @@ def propose(
     - Tasks that people rarely ask for (usefulness below ``ASKED_FOR``) come last.
 
     Args:
-        classes: affordance by class name.
         known: existing tasks.
         stroke: maximum opening of the gripper, m.
         familiar: tasks that are proposed only if ``wanted`` contains their goal.
@@ -194,7 +193,6 @@ def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
     Each step keeps one strategy name, for a new strategy; the provenance keeps only ``origin``.
 
     Args:
-        task: the task.
         name: name for the strategy of every step; None: keep the name of each step's first strategy.
     """
     steps = tuple(

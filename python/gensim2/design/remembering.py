@@ -48,7 +48,6 @@ def add_task(
         seed: seed of the scenes.
         engines: ``"both"`` also verifies in the other engine and adds a task only if it passes in both.
         memory: task library; default: the user's library.
-        progress: progress listener.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:

@@ -98,7 +98,6 @@ def draw(
         pool: alignments to select from; alignments in ``results`` are excluded.
         results: results of earlier candidates; candidates that are not alignments are ignored.
         count: maximum number of alignments.
-        generator: random generator.
     """
     tried = [
         (joint_search.manipulation_from(result.candidate.provenance), result)

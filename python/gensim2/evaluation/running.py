@@ -182,7 +182,6 @@ def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     Left out: ``provenance``, so that date and command do not matter, and ``records``, stored with the tasks.
 
     Args:
-        folder: run folder.
         told: result as JSON data; the function does not modify it.
     """
     tasks = [{name: value for name, value in task.items() if name != "records"} for task in told["tasks"]]

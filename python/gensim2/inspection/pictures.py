@@ -58,7 +58,6 @@ def drawn(
     All pictures have the same scale: the object fits each of them. A keypoint is a disc, or a ring if it is hidden.
 
     Args:
-        model: the object.
         views: openness and azimuth of each picture; a rigid object has no openness, and ignores the value.
         size: width and height of a picture, pixels.
         marked: whether the pictures show the keypoints.

@@ -51,7 +51,6 @@ def meaning(mention: Mention, action: Action, half: bool) -> MoveJoint | None:
 
     Args:
         mention: the object, with a noun.
-        action: the action.
         half: whether the joint stops halfway.
     """
     if mention.noun is None or mention.noun.rigid:

@@ -87,7 +87,6 @@ def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGI
     farther if a tall part is near the resting hand; its mean over the range is straight in front.
 
     Args:
-        model: the object.
         rule: parameters of its class.
         region: region in front of the robot.
     """

@@ -107,7 +107,6 @@ def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness:
     Args:
         pad_distance: distance between the pads, m.
         force: force of each finger, N.
-        profile: profile of the robot.
         stiffness: stiffness of the finger drives, N/m; None: the stiffness in the profile.
     """
     command = profile.gripper.grip(pad_distance, force, stiffness or profile.finger_drive.stiffness)
@@ -120,7 +119,6 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     Args:
         plan: plan with a trajectory.
         acts: gripper commands.
-        profile: profile of the robot.
 
     Raises:
         ValueError: the plan has no trajectory.

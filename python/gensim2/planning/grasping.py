@@ -56,10 +56,7 @@ def grasps_of(
     Args:
         world: ``scene`` in the solver's form.
         scene: scene at the start of the step.
-        name: name of the object.
         gripper: gripper in the solver's form.
-        profile: profile of the robot.
-        strategy: grasp strategy.
         lost: (4, 4) hand poses in the object's frame of grasps that slipped; similar grasps come last.
     """
     found = world.grasps(
@@ -123,8 +120,6 @@ def grasp_config(
     Args:
         scene: scene at the start of the step.
         grasp: grasp to execute.
-        profile: profile of the robot.
-        strategy: grasp strategy.
         swapped: whether the fingers are swapped.
         aside: element of ``ASIDE``, a horizontal motion before the lift; None: lift at once.
     """
@@ -149,7 +144,6 @@ def hand_at(
     Args:
         scene: scene at the start of the step.
         grasp: grasp to execute.
-        profile: profile of the robot.
         swapped: whether the fingers are swapped.
     """
     T_base_hand = np.array(grasp.T_base_hand)

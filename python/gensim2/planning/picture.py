@@ -58,7 +58,6 @@ def plan_picture(
     Args:
         scene: scene in which the step was planned.
         plan: plan of the step. None draws the arm at its start, without keyframes.
-        profile: robot profile.
         title: first line of text under both views.
         reason: reason why no motion was found.
         targets: (3,) targets of the point constraints, m, base frame.

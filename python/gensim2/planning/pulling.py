@@ -31,7 +31,6 @@ def pulls_of(
         scene: scene at the start of the step.
         thing: articulated object.
         gripper: gripper in the solver's form.
-        strategy: pull strategy.
     """
     assert thing.joint is not None
     bodies = {body.name: body for body in thing.bodies}
@@ -71,8 +70,6 @@ def pull_config(
     Args:
         scene: scene at the start of the step.
         grasp: grasp to execute.
-        profile: profile of the robot.
-        strategy: pull strategy.
         swapped: whether the fingers are swapped.
     """
     keypoints, constraints = hand_at(scene, grasp, profile, swapped)

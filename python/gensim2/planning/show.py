@@ -30,8 +30,6 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
 
     Args:
         scene: planned scene.
-        plan: plan to show.
-        profile: profile of the robot.
         host: address to listen on.
         port: port of the page; if this port is in use, the next free port.
 
@@ -131,7 +129,6 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
     Args:
         server: a ``viser.ViserServer``.
         plans: plans by name, base frame; with several, labels begin with the first word of the name.
-        profile: profile of the robot.
     """
     labels = []
     for name, plan in plans.items():

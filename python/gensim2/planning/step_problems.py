@@ -64,7 +64,6 @@ class StepProblems:
         Args:
             scene: scene at the start of the step.
             step: object and tool of the step.
-            strategy: strategy with the config.
             options: options that override the planner's.
             more_keypoints: additional keypoints (3,) in the base frame.
         """

@@ -389,7 +389,6 @@ class Fingers:
 
         Args:
             scene: scene at the start of the step.
-            strategy: strategy of the step.
             opening: gripper command of the empty hand while it moves to a grasp.
             grip: command to which the hand closes.
             gently: whether the hand closes slowly.

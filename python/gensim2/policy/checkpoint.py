@@ -304,9 +304,7 @@ def unknown_sentence(
     """Create the error to raise for an instruction that the policy was not trained on.
 
     Args:
-        policy: the checkpoint.
         sentence: the instruction.
-        folder: folder of the checkpoint.
         reason: steps of the instruction, or the reason why the instruction is not understood.
     """
     message = f"was not trained on the sentence {sentence!r}" + (f" ({reason})" if reason else "")

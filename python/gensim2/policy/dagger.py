@@ -55,7 +55,6 @@ def train_rounds(
     Each round starts from the last weights, with the demonstrations and all labelled states so far.
 
     Args:
-        source: demonstrations.
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
         policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the given steps.
         out: folder of the last checkpoint; ``rounds/`` has the earlier ones and the labelled states.

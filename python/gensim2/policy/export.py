@@ -75,7 +75,6 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
 
     Args:
         folder: folder of the checkpoint.
-        out: file to write.
         to: format, one of ``FORMATS``.
 
     Returns:

@@ -92,7 +92,6 @@ def measure_latencies(
         points: number of points in a cloud.
         decisions: number of measured decisions, after ``WARM_UP`` unmeasured ones.
         threads: number of PyTorch threads.
-        device: device of the network.
         assets: folder of the scene's objects, or the name of a built-in set.
         settings: further network settings of all measured policies.
 

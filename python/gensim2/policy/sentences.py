@@ -36,7 +36,6 @@ def taught_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path) -> st
     """Return the training instruction of a policy that has the same steps as an instruction in other words.
 
     Args:
-        policy: the checkpoint.
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
 
@@ -77,7 +76,6 @@ def sentence_row(
     An action-chunk policy without a text encoder ignores the instruction, so it accepts any instruction.
 
     Args:
-        policy: the checkpoint.
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.

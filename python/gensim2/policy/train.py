@@ -265,7 +265,6 @@ def take_steps(
         training: settings.
         folder: folder for the state and the loss curves.
         identity: all settings and data that determine the result of the run.
-        progress: listener.
         more_cpu_s: function that returns other processes' CPU time (s) since the start.
 
     Raises:

@@ -112,7 +112,6 @@ class TrainState:
         """Write the state atomically.
 
         Args:
-            folder: folder of the state.
             identity: settings and data that determine the result of the run.
 
         Raises:

@@ -29,7 +29,6 @@ def check_profile(profile: RobotProfile, where: str) -> None:
     """Raise an error if a profile is inconsistent or contradicts the URDF of the robot.
 
     Args:
-        profile: profile to check.
         where: file or module of the profile, for the message.
 
     Raises:

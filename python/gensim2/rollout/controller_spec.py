@@ -133,7 +133,6 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
         task: the task, in the specification only if the controller estimates scenes; others get it on creation.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
-        robot_name: name of the robot.
     """
     if rollout.is_estimated:
         arguments = {"task": task.model_dump(mode="json"), "strategies": strategies, "robot_name": robot_name}

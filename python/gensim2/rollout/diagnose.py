@@ -78,7 +78,6 @@ def diagnose(
     Args:
         trace: measurements before the first control step and after each one.
         turns: for each executed step, the range of measurements in ``trace`` during the step.
-        history: records of the steps.
         events: events reported by the controller.
         outcome: how the failed episode ended.
         surfaces: surfaces of the objects at the end.

@@ -99,7 +99,6 @@ def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY)
     """Yield a log's episodes one by one, with one in memory; None for an incomplete last line.
 
     Args:
-        path: path of the log.
         remedy: advice to the user in the error message about an invalid line.
         unreadable: advice to the user in the error message about a file that cannot be opened or read.
 

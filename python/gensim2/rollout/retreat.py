@@ -62,7 +62,6 @@ def planned_retreat(
 
     Args:
         world: planning world of the episode.
-        scene: current scene.
         names: objects that the hand has acted on.
         near: whether a hand keypoint is near these objects; if not, contact of other hand parts is checked.
 

@@ -342,7 +342,6 @@ def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attem
     the attempt that counts. If the no-op baseline reaches the goal, no other attempt is made.
 
     Args:
-        task: the task.
         run: function that runs an attempt, always from the same initial scene.
         max_attempts: maximum number of attempts.
     """

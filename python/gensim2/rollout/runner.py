@@ -142,7 +142,6 @@ class EpisodeRunner:
 
         Args:
             config: configuration of the scenes.
-            candidates: strategies of each step.
             seeds: seeds of the scenes.
             log: folder that stores the results of each seed as JSON; seeds with stored results are not planned again.
         """

@@ -165,8 +165,6 @@ def plan_steps(task: TaskSpec, profile: RobotProfile, given: Strategies, scene: 
     """Plan the steps of a task in order, until a step has no plan.
 
     Args:
-        task: task to plan.
-        profile: robot profile.
         given: strategies of the task by name, as plain data.
         scene: scene at the start of the first step.
 
@@ -204,9 +202,7 @@ def draw_plan(solved: SolvedStep, task: TaskSpec, given: Strategies, profile: Ro
 
     Args:
         solved: planned step.
-        task: task of the step.
         given: strategies of the task by name, as plain data.
-        profile: robot profile.
         file: file to write, atomically.
 
     Returns:

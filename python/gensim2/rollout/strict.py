@@ -47,7 +47,6 @@ def strict_misses(
         at_actuation: measurement at the first actuation pose; None: not reported, so that motions before it cannot be
             checked.
         before: measurement one control step before ``later``.
-        later: current measurement.
     """
     task = world.task
     acted_on = task.acted_on

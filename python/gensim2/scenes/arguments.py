@@ -61,7 +61,6 @@ def chosen_instances(
     """Return the ids of the instances from which a reset chooses each object.
 
     Args:
-        library: library of the objects.
         task: the task, which may allow only some instances of an object.
         instances: one selection for all objects, of instances that the task allows, or a mapping from object names to
             any; objects that it lacks use all that the task allows.

@@ -31,7 +31,6 @@ def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[s
     """Return lowest and highest corners (2, 3) of objects' boxes, world frame, m; of the measured link if articulated.
 
     Args:
-        models: objects by name.
         poses: pose (4, 4) of each object's measured link (:func:`measured_link`) in the world frame.
     """
     found = {}
@@ -47,7 +46,6 @@ def contents_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict
     """Return for each container the rigid objects whose box has its centre inside.
 
     Args:
-        models: objects by name.
         poses: pose (4, 4) of each object's measured link in the world frame.
     """
     centres = {}

@@ -62,7 +62,6 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
     Args:
         task: task whose goal (or last ``done``) and every ``done`` are checked, also for the kinds of objects.
-        state: initial state of the task.
         robot: robot profile, whose reach limits how far objects can be moved.
         placed: names of objects that reset options have placed; their distance to the goal is not checked.
 

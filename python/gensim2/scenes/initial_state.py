@@ -140,11 +140,9 @@ def sample_initial_state(
 
     Args:
         task: task with the ranges.
-        library: library of the objects.
         instances: ids to choose from, by object.
         seed: seed of the reset.
         options: checked reset options by object.
-        robot: robot profile.
         physics: physics settings, for default poses and repeated sampling.
         randomization: preset, which scales the task's ranges and may randomize additional values.
 
@@ -337,7 +335,6 @@ def clear_start(
     Args:
         generator: generator of the random joints; None: only ``start`` is tested.
         start: (n,) first start joints to test: all active joints, rad or m.
-        robot: robot profile.
         hulls: for each object, the vertices (N, 3) of its convex hulls in the world frame, m.
 
     Returns:

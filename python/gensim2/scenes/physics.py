@@ -190,10 +190,6 @@ def require_engine(engine: Engine) -> None:
 def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
     """Check that an engine exists and can simulate the given physics settings; return the engine's name.
 
-    Args:
-        engine: name of the engine.
-        physics: name of the physics.
-
     Raises:
         InputError: the engine is unknown, or cannot simulate one of the settings.
     """

@@ -27,7 +27,6 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
 
     Args:
         options: values by option; gensim2's are mappings from object names, or plain with a single object.
-        names: names of the objects.
 
     Raises:
         InputError: an unknown option or object, or an invalid value, which the message names.

@@ -73,7 +73,6 @@ def parsed(
     """Parse a URDF file, and return a builder of the articulation. The builder omits visual shapes.
 
     Args:
-        urdf: path of the file.
         config: contact materials of links, and the radii of their contact patches, in ManiSkill's format.
         prepare: function that is called with the loader before the loader reads the file.
     """

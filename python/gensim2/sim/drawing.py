@@ -15,8 +15,6 @@ def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, O
     """Return an object that draws recorded states: MuJoCo's renderer for its working engine, else the ray caster.
 
     Args:
-        engine: engine of the states.
-        profile: robot profile.
         objects: objects by name, in the task's order.
 
     Raises:

@@ -36,7 +36,6 @@ class EngineScene(Protocol):
 
         Args:
             physics: name of the physics settings.
-            setup: initial state.
             robot: False leaves the robot out.
         """
 

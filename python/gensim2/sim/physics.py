@@ -115,8 +115,6 @@ class Physics:
         Args:
             system: PhysX system of the scene.
             robot: robot; None in a scene without a robot.
-            profile: profile of the robot.
-            classes: classes of the rigid objects.
         """
         if self.switches.solver == "default":
             for body in (

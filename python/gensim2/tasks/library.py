@@ -274,7 +274,6 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 
     Args:
         folder: folder of the task (:func:`task_folder` for a library task).
-        task: spec of the task.
 
     Raises:
         InputError: a file is missing.

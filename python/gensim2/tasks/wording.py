@@ -60,7 +60,6 @@ def randomization_in_words(thing: ObjectSpec, *, with_joint: bool) -> str:
     """Describe an object's randomization ranges.
 
     Args:
-        thing: object of a task.
         with_joint: whether the object is articulated, so that its openness is randomized, too.
     """
     drawn = thing.randomization

@@ -102,8 +102,6 @@ def read_calibration(
     """Read a calibration and check that it fits the robot and the cameras and is recent.
 
     Args:
-        robot: name of the robot in use.
-        cameras: cameras in use.
         days: maximum age of the calibration, days.
         now: current time; None: the machine's clock.
 
@@ -131,7 +129,6 @@ def require_calibrated(found: Calibration, cameras: Sequence[Camera], path: Path
 
     Args:
         found: calibration to check.
-        cameras: cameras in use.
         path: file of the calibration, for error messages.
 
     Raises:

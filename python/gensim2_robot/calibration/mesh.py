@@ -373,7 +373,6 @@ def calibrate(
     """Find a camera's pose in the base frame, and scale and bias of its depth.
 
     Args:
-        surface: surface of the robot.
         camera: camera with an initial guess of its pose, which may be wrong by about 15 degrees and 10 cm.
         views: 3 to 9 images of different arm poses. Only the arm may move between the images.
         held_out: 1 or more images of other arm poses, for validation.

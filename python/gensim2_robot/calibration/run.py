@@ -68,7 +68,6 @@ def calibrate_simulated(
     Args:
         task: task whose objects are in the scene.
         out: calibration file, which is written only if the calibration of every camera converges.
-        poses: number of poses.
         degrees, metres: rotation error and position error of the initial guesses.
         pixels: width and height of the images.
         speed: fraction of the arm's maximum speed.
@@ -240,7 +239,6 @@ def _written(
     """Write the calibration file if the calibrations of all cameras have converged, and return the command's result.
 
     Args:
-        profile: profile of the robot.
         cameras: calibrations that have converged, by camera name.
         report: report on every camera, by camera name.
         poses: number of arm poses that were used.

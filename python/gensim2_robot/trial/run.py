@@ -138,9 +138,7 @@ def trial(
     devices; a real arm ends the run, because a person must check it.
 
     Args:
-        protocol: protocol of the trials.
         out: output folder, with a subfolder for each task.
-        trials: number of trials.
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.

@@ -50,7 +50,6 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
     """Return data type and shape of each tensor in a file, by name, without reading the tensors.
 
     Args:
-        path: the file.
         max_bytes: largest size of the file.
         remedy: remedy for the error message.
 
@@ -123,7 +122,6 @@ def read_tensors(path: Path, max_bytes: int, sha256: str, remedy: str) -> dict[s
     """Return the tensors of a file by name; call :func:`read_shapes` and check the shapes first.
 
     Args:
-        path: the file.
         max_bytes: largest size of the file.
         sha256: required digest of the file's content, in hexadecimal digits.
         remedy: remedy for the error message.

@@ -50,7 +50,6 @@ def export(
     """Export episodes with a data set card, atomically, and return their number.
 
     Args:
-        path: folder of the data set.
         out: new or empty folder outside the data set.
         to: ``"maniskill"`` (folders to replay), ``"lerobot"`` (v3.0) or ``"zarr"`` (as Diffusion Policy).
         selection: filter of the episodes.

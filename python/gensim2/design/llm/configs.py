@@ -74,10 +74,8 @@ def problems_of_names(
 
     Args:
         task: task that contains the step.
-        step: step that the config is for.
         config: config to check.
         things: facts about each object's class, by the object's name in the task.
-        profile: robot profile.
     """
     name = step.strategies[0]
     alone = task.model_copy(update={"steps": _until(task, step)})

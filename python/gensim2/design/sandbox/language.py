@@ -126,7 +126,6 @@ class Task:
         """Return the task's fields in the form that :func:`gensim2.tasks.parse.parse_task` reads.
 
         Args:
-            name: name of the class.
             docstring: the class's docstring, the description unless there is an attribute ``description``.
 
         Raises:

@@ -27,8 +27,6 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
     """Return the ids of a named split of a class.
 
     Args:
-        asset_class: name of the class.
-        name: name of the split.
         listed: ids of the class's instances in the library.
 
     Returns:

@@ -34,8 +34,6 @@ def export(instance: ArticulatedObject, library: Path, replace: bool = False) ->
     """Write an instance to ``library/articulated_objs/<class>/<id>`` atomically, and return that folder.
 
     Args:
-        instance: object to export.
-        library: folder of the library.
         replace: whether to replace an existing object.
 
     Raises:

@@ -138,7 +138,6 @@ def import_object(
     Args:
         source: URDF, MJCF or USD file, or a PartNet-Mobility folder, which contains ``mobility.urdf``.
         library: folder of objects; created if missing.
-        asset_class: class of the object.
         name: id of the object.
         joint: name of the joint that stays movable.
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).

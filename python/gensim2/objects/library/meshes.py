@@ -68,7 +68,6 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
     """Return the meshes of an OBJ file, each with only the vertices that it uses.
 
     Args:
-        folder: folder of the object.
         name: file name relative to the object's folder.
         named_by: place that names the file, for error messages.
 

@@ -159,7 +159,6 @@ def read_model(
 
     Args:
         path: ``<class>/<id>``.
-        asset_class: class of the instance.
         content_hash: hex digest of the instance's files.
         expected_type: usual joint type of the class; a different type causes a warning.
         rule: method for collision parts; mass, placement and keypoints always use the default one.

@@ -283,8 +283,6 @@ def load_from_meshes(
     Each connected collision piece becomes its hull, or several hulls if it has cavities.
 
     Args:
-        name: class of the object.
-        folder: folder with the meshes.
         collision: OBJ or PLY file in the folder.
         scale: length in metres of one unit of the meshes.
         keypoints: (position (3,) in metres, description) by name.

@@ -24,7 +24,6 @@ def select(
     """Return the selected (class, id) pairs without repetition, in the order of the selections.
 
     Args:
-        library: object library.
         words: ``CLASS`` or ``CLASS/WHICH``, with an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
         every: whether to add all objects of the library's own classes; default without ``words`` and ``drawn``.
         drawn: number of random objects to add from each class in ``words``, or from every class: new objects of a
@@ -94,7 +93,6 @@ def taken_instances(
 
     Args:
         choose: function that returns the ids for a class and one value.
-        asset_class: name of the class.
         asked: values that the user gave to ``--instances``.
         own: values in the task's spec; None: the task accepts all ids.
 

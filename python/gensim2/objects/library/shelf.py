@@ -35,8 +35,6 @@ class Shelf(ABC):
         """Return an object ready for simulation; the first call prepares it and stores it in the cache.
 
         Args:
-            asset_class: name of the class.
-            instance_id: id of the instance.
             hulls: method by which real meshes become collision parts.
 
         Raises:

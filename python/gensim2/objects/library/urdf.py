@@ -220,7 +220,6 @@ def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
 
     Args:
         urdf: the parsed file.
-        link: name of the link.
         kind: ``visual`` or ``collision``.
 
     Raises:

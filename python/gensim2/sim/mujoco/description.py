@@ -62,7 +62,6 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
     """Read the links of a URDF. Each link comes after its parent link.
 
     Args:
-        urdf: path of the URDF.
         content_hash: hash of the object's files, by which results are cached.
 
     Raises:

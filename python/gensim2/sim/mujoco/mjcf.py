@@ -52,7 +52,6 @@ def write_object(model: ArticulatedObject | RigidObject, file: Path) -> None:
     """Write an object on the table, without a robot.
 
     Args:
-        model: object to write.
         file: file to write; it contains the meshes.
 
     Raises:

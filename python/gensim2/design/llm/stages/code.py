@@ -27,7 +27,6 @@ def code(prompts: Prompts, task: TaskSpec, references: Sequence[tuple[str, str]]
     """Return the prompt that asks the model to write a task as code.
 
     Args:
-        prompts: prompt templates.
         task: task that the code must describe.
         references: name and code of stored tasks, as examples.
     """

@@ -93,7 +93,6 @@ def proposal(prompts: Prompts, catalog: Catalog, wish: Wish, refused: Sequence[s
     """Return the question that asks for a new task.
 
     Args:
-        prompts: prompt templates.
         catalog: robot, objects and known tasks.
         wish: restrictions on the task.
         refused: rejected proposals, with reasons.
@@ -181,10 +180,8 @@ def reflection_on(
     """Return the question that asks the model whether a proposed task is good.
 
     Args:
-        prompts: prompt templates.
         catalog: robot, objects and known tasks.
         task: the task as the model wrote it.
-        name: name of the task.
         long: whether the task has several steps.
         free: whether all criteria and several objects are allowed; the prompt then has no bad examples.
     """

@@ -19,7 +19,6 @@ def _trim(
     A box has corner plates, straps, plank lines or no fittings, and with ``lock`` also a lock plate.
 
     Args:
-        rng: random generator.
         size: width, height, depth of the body, m.
         lid: height (y) of the lid's upper face, and thickness of the lid, m.
         metal: material of the fittings.
