@@ -58,7 +58,6 @@ class Check:
     """Result of one check.
 
     Attributes:
-        name: name of the check.
         status: ``"ok"``; ``"limited"`` if some functions are unavailable; ``"missing"`` if the checked item is absent.
         value: result of the check, for example a version.
         remedy: instruction for the user; empty if no action is needed.

@@ -106,7 +106,6 @@ class ArmLimits:
     Velocity limits are a fraction of the arm's maximum; acceleration and jerk are the maximum, for fast stops.
 
     Attributes:
-        profile: robot profile.
         lower, upper: (m,) position limits of the arm's joints, rad or m; they lie inside the joint ranges by a margin.
         range_lower, range_upper: (m,) ends of the joint ranges, rad or m.
         velocity, acceleration, jerk: (m,) maximum values, in rad or m per s, s^2 and s^3.

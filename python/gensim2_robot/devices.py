@@ -48,7 +48,6 @@ class CameraFrame:
     """An image of one camera.
 
     Attributes:
-        camera: name of the camera.
         number: number of the image.
         captured: time when the image was taken, s.
         depth: (H, W) uint16, mm; 0 for no measurement.

@@ -40,7 +40,6 @@ class Fault:
     """An injected fault.
 
     Attributes:
-        name: name of the fault.
         at: time from the first action of the run to the start of the fault, s.
     """
 

@@ -106,7 +106,6 @@ class About(LogMessage):
     """First message of each file of a log.
 
     Attributes:
-        robot: name of the robot.
         language: instruction that was given to the policy.
         pixels: images are reduced before observations, to at least this number of pixels; None: not, as in 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.

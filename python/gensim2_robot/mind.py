@@ -101,7 +101,6 @@ class MindSpec:
     Attributes:
         controller: specification of the controller.
         task: task of the episodes.
-        robot: name of the robot.
         cameras: available cameras.
     """
 

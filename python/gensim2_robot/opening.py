@@ -83,7 +83,6 @@ class Prepared:
         controller: specification of the controller.
         seen: observation spec of the controller.
         privileged: whether the controller gets the true state of the simulated scene.
-        limits: limits of the arm.
         noise: depth noise of simulated cameras.
         cameras: cameras to use. For real cameras, the poses are initial guesses.
         calibration: calibration of the cameras; None: the camera poses of the simulation.

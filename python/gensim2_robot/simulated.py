@@ -48,7 +48,6 @@ class Rows:
         time: time of the state, s.
         episode: number of times that the world was reset before this state.
         states: state as in ManiSkill's ``env_states``, with a first axis of length 1.
-        models: object models by the name of the object in the task.
         q: (n,) all active joints.
     """
 

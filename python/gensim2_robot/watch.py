@@ -71,7 +71,6 @@ class StateChange:
 
     Attributes:
         time: time of the change, s.
-        state: new state.
         reason: reason for the change, as text.
         at_once: whether the arm's own controller must stop it, because commands would be late or refused.
     """

@@ -73,7 +73,6 @@ class Described:
 
     Attributes:
         store: folder of the task's stored episodes.
-        episodes: number of episodes that the card describes.
         steps: number of control steps in these episodes.
         objects: class and id of each object in these episodes.
     """

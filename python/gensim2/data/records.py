@@ -270,7 +270,6 @@ class TaskOutcome:
     """Result of one verified task, kept or rejected.
 
     Attributes:
-        name: name of the task.
         asset_class: classes of its objects, separated by commas.
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.

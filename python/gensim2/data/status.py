@@ -13,7 +13,6 @@ class TaskStatus:
     """Progress of one task.
 
     Attributes:
-        name: name of the task.
         total: number of episodes to run.
         tried: number of finished episodes, including the episodes of earlier calls.
         held: number of successful episodes (verdict `held`) among the finished episodes.

@@ -39,7 +39,6 @@ class TrajectoryMetadata:
     """Task, strategies and sources of demonstrations, written into ``trajectory.json``.
 
     Attributes:
-        task: the task.
         strategies: strategies by name, as plain data.
         assets: folder of the objects, or ``"builtin"``.
         licenses: licences by ``class/id``, which also apply to the data.

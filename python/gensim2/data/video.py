@@ -170,7 +170,6 @@ class Film:
     """Result of recording a video.
 
     Attributes:
-        frames: number of frames in the video.
         success: whether the goal was reached at the end of the replay; None if the video shows recorded states.
         renderer: sentence that says which renderer drew the frames, and why.
     """

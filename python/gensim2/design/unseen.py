@@ -16,7 +16,6 @@ class Apart:
     """Division of a task's articulated instances into those for the search and those for its test.
 
     Attributes:
-        library: object library.
         classes: articulated classes by the object's name; rigid classes have a single instance each.
         kind: instances of the test: ``"new"`` generated objects, ``"test"``, the test split of real classes, or
             ``"all"`` if a class has too few instances for one.

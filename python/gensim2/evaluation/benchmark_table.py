@@ -23,7 +23,6 @@ class TaskRow:
     """Row of the table: results of one task.
 
     Attributes:
-        task: the task.
         runs: number of runs. All runs have the same number of episodes.
         episodes: episodes of all runs, in the order of the runs.
     """

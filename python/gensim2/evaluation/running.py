@@ -27,10 +27,8 @@ class Table:
     """Table of the success rates of tasks. Its ``repr`` leaves out the settings, which ``to_dict`` contains.
 
     Attributes:
-        run_dir: run folder.
         arguments: all settings that determine the episodes, except the tasks.
         versions: versions of the packages that affect results.
-        rows: one row per task.
         skipped: name of each task that was not run, with the reason.
         speeds: episodes of this call per second of wall time, by task; None if none was left.
         cpu_s: CPU time in seconds that all worker processes of this call used, without the start of the processes.

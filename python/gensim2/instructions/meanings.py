@@ -35,7 +35,6 @@ class _Key:
     """An action on an object.
 
     Attributes:
-        noun: name of the object.
         part: part of the object that the action moves; None for the object itself.
         action, half: the action, and whether the joint stops halfway.
     """

@@ -211,8 +211,6 @@ class Noun:
 
     Attributes:
         name: the noun, as in ``words.toml``.
-        classes: classes of objects that the noun names.
-        rigid: whether the objects are rigid.
     """
 
     name: str

@@ -76,7 +76,6 @@ class ToAndFro:
     """A joint that people move to one limit and back in one task.
 
     Attributes:
-        asset_class: class of the object.
         name, sentence: as in :class:`Phrase`.
         there, back: verbs of the two steps.
     """

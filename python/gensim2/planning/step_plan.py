@@ -91,7 +91,6 @@ class Foreseen:
     """Plan of a step on a predicted scene.
 
     Attributes:
-        step: name of the step.
         strategy: index of the planned strategy among the strategies of the step.
         plan: the motion.
     """

@@ -55,9 +55,7 @@ class DataRecord(Record):
 
     Attributes:
         digest: hash of all episodes and their observations.
-        tasks: names of the tasks.
         episodes, frames: number of episodes and of their frames; a planned scene counts as one frame.
-        folders: names of the data sets.
         noisy: number of episodes recorded with noise on the arm's commands.
         relabels: number of further frames, of the policy's rollouts with the planner's actions (DAgger).
     """

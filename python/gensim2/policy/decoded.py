@@ -56,7 +56,6 @@ class DecodedData:
     """Successful episodes of one or several data sets.
 
     Attributes:
-        robot: name of the robot profile.
         observation: observation spec of the rendered episodes.
         episodes: episodes, in the order of their rows in the arrays.
         arrays: memory-mapped arrays, a row per frame: ``pointcloud/xyz`` int16 in 0.1 mm, ``pointcloud/rgb`` uint8,

@@ -49,7 +49,6 @@ class Learned:
         folder: folder of the checkpoint.
         demonstrations: number of training plans or episodes by task.
         data_cpu_s: CPU time that collecting the data took, s.
-        trained: result of the training.
         measured: evaluation of the policy and of its control experiments.
     """
 

@@ -20,7 +20,6 @@ class Source(Protocol):
     """Training data of a policy.
 
     Attributes:
-        robot: name of the robot profile.
         action: format of the targets that the policy learns to predict.
         observation: spec of the observations, which include point clouds.
         sentences: instructions of the tasks, without repetitions.

@@ -91,7 +91,6 @@ class TrainState:
     This is the complete state, because the random numbers of a step depend only on seed and step number.
 
     Attributes:
-        network: the trained network.
         average: network with the exponential moving average of the weights, and copies of ``network``'s buffers.
         optimizer: AdamW over the network's parameters.
         step: number of steps taken.

@@ -62,7 +62,6 @@ class WorldCount:
         mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
         subject: name of the object that was changed; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
-        worlds: number of worlds.
         fooled: number of these worlds in which all criteria are true.
     """
 

@@ -131,7 +131,6 @@ class StepRecord:
     """Record of one step of the task.
 
     Attributes:
-        name: name of the step.
         plans: plans, oldest first. There is more than one plan after a deviation or a failed strategy.
         paper: whether the step's criterion was ever met during the step (``paper`` verdict); true without one.
         done: whether the step's criterion was met when the step ended.

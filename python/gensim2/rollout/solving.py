@@ -35,7 +35,6 @@ class SolvedStep:
     Attributes:
         name, strategy: names of the step and of the planned strategy.
         scene: scene at the start of the step.
-        found: plan of the step.
     """
 
     name: str

@@ -15,7 +15,6 @@ class Tally:
     """Counts of episodes.
 
     Attributes:
-        episodes: number of episodes.
         paper, held, strict: number of episodes that pass each verdict (docs/reference/episodes.md).
         partial: number of episodes in which only part of a motion was executed because no complete plan was found.
         replanned: number of episodes in which a step was planned again.

@@ -30,7 +30,6 @@ class Held:
     """A grasped object.
 
     Attributes:
-        name: name of the object.
         T_hand_object: (4, 4) pose of the object in the hand frame after the fingers have closed.
         width: planned distance between the pads, m; None if unknown.
         force: force of each finger, N; None if unknown.

@@ -80,7 +80,6 @@ class SceneOptions:
         physics: name of the settings (:mod:`gensim2.scenes.physics`), to which a file's are converted.
         robot: name of a robot that this process has already loaded. The name never causes a robot to be loaded, because
             loading a robot runs Python code of the user, and the name may come from an untrusted file.
-        randomization: name of the randomization preset.
         engine: simulation engine.
 
     Raises:
@@ -171,7 +170,6 @@ class SceneConfig(SceneOptions):
     """Configuration of the scenes of one task. A configuration and a seed determine a scene. All values can be pickled.
 
     Attributes:
-        task: task of the scenes.
         instances: instances to choose from.
     """
 

@@ -52,7 +52,6 @@ class PlacedObject:
     """An object with its pose in the initial state.
 
     Attributes:
-        model: model of the object.
         position: (3,) position of the root in the world frame, m.
         quaternion: (4,) orientation of the root in the world frame, (w, x, y, z).
         yaw: random rotation about the vertical, rad.
@@ -102,7 +101,6 @@ class InitialState:
         objects: objects by name, in the task's order.
         draws: number of samples until objects were apart, within reach and clear of the robot.
         start: (n,) positions of all active joints of the robot at the start, rad or m.
-        randomization: name of the randomization preset.
     """
 
     objects: Mapping[str, PlacedObject]

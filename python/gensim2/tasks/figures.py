@@ -45,7 +45,6 @@ class Condition(_Value):
         physics: ``"default"``, ``"original"``, or a preset with changed settings such as ``"default+solver=original"``.
             Earlier files write ``"ours"`` for ``"default"``.
         engine: simulation engine.
-        robot: name of the robot.
         instances: selection of objects, with the same values as the option ``--instances``.
         randomization: preset for the ranges from which initial scenes are sampled: ``"paper"``, ``"paper-half"`` or
             ``"wide"``.
@@ -124,7 +123,6 @@ class Figure(_Value):
     (docs/reference/episodes.md).
 
     Attributes:
-        task: name of the task.
         condition: conditions of the measurement.
         seed: seed of the scenes.
         runs: number of runs, all with the same number of episodes.

@@ -67,8 +67,6 @@ class Calibration(BaseModel):
 
     Attributes:
         made: date and time of the calibration, with time zone.
-        robot: name of the robot.
-        cameras: cameras by name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -92,9 +92,7 @@ class TrialProtocol(BaseModel):
     """Content of a protocol file, for example ``protocols/TASK.yaml``.
 
     Attributes:
-        task: name of the task.
         objects: description of each object, for the person who lays out the scene.
-        placements: placement ranges of each object.
         sentence: instruction for the policy.
         verdict: question to the person who judges the trial; the answer "yes" means that the trial succeeded.
         causes: causes of failure from which the person can choose.
@@ -183,12 +181,10 @@ class TrialSettings(RunSettings):
     """Content of ``asked.json``: settings that all trials in a folder share.
 
     Attributes:
-        task: name of the task.
         policy: description of the policy.
         seed: seed of the placements.
         protocol: protocol of the trials.
         line: settings of the control loop.
-        scene: settings of the scenes.
     """
 
     schema_version: Literal[1] = 1

@@ -52,7 +52,6 @@ class Manifest(_Record):
 
     Attributes:
         format: format of the export.
-        episodes: number of episodes.
         files: record of each file, by its path with forward slashes.
     """
 

@@ -43,7 +43,6 @@ class ConversationRecord(Record):
     """Record of a conversation: one question and all rounds of answers and corrections.
 
     Attributes:
-        stage: name of the prompt.
         subject: name of the task; empty if no task resulted.
         about: part of the task that the question is about.
         outcome: whether the answer was used, dropped (no valid answer) or refused.
@@ -151,7 +150,6 @@ class Ask(Generic[T]):
     """Question to a model in one stage of a design.
 
     Attributes:
-        stage: name of the prompt.
         subject: name of the task; empty if the task has no name yet.
         about: part of the task that the question is about. It distinguishes the questions of one stage.
         prompt: text of the question.

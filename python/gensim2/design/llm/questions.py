@@ -21,7 +21,6 @@ class Account:
     """Number, tokens and cost of a model's answers.
 
     Attributes:
-        answers: number of answers.
         asked: number of answers that the endpoint gave during this run. All other answers were read from a record.
         retries: number of requests that failed and were repeated.
         tokens_in, tokens_out: number of tokens in questions and in answers.
@@ -106,7 +105,6 @@ class ModelQuestion:
     """Question to the model: a conversation whose last message needs an answer.
 
     Attributes:
-        stage: name of the prompt.
         subject: task or class that the question is about, for readers of the record.
         messages: messages so far.
         schema: JSON schema of the answer, for endpoints that support one.

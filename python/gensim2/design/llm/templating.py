@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from importlib.resources import files
@@ -22,18 +23,14 @@ from jinja2 import Template
 from gensim2.core.errors import InputError, near
 from gensim2.core.foreign.tree import read_input
 from gensim2.core.yaml_files import parse_yaml
-
-if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
-
-
-import math
-
 from gensim2.design.affordance import Affordance, KeypointFacts
 from gensim2.objects.words import End, words
 from gensim2.tasks.library import task_names
 from gensim2.tasks.spec import ObjectSpec, TaskSpec
 from gensim2.tasks.wording import place_in_words
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 
 def motion(thing: Affordance) -> str:

@@ -95,7 +95,6 @@ class Imported:
     """Result of an import.
 
     Attributes:
-        folder: folder of the object in the library.
         joint: name of the movable joint.
         fixed: names of the joints that were fixed.
         scale: scale of lengths.

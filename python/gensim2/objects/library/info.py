@@ -30,7 +30,6 @@ class Info:
     """Fields of ``info.json``. A field that is missing in the file is None.
 
     Attributes:
-        file: path of the file.
         keypoints: unscaled positions (3,) by name; at least one.
         descriptions: descriptions of keypoints by name.
         scale: length in metres of one unit.

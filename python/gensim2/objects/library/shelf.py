@@ -13,7 +13,6 @@ class Shelf(ABC):
     """A source of objects of one kind. Instances can be pickled.
 
     Attributes:
-        kind: kind of the objects.
         source: ``"generated"`` or ``"real"``.
         license: licence terms of the objects' data.
     """

@@ -102,7 +102,6 @@ class Urdf:
     """Content of a URDF file whose links form one tree.
 
     Attributes:
-        file: path of the file.
         links: links by name, as ``gensim2_kpam.read_urdf`` returns them.
         joints: joints in the order of the file, with distinct names.
         materials: colours (4,) by name.

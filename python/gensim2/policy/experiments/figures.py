@@ -23,7 +23,6 @@ class Rate:
 
     Attributes:
         held: number of episodes with the verdict ``held``: the goal is true at the end, at rest.
-        episodes: number of all episodes.
     """
 
     held: int
@@ -70,7 +69,6 @@ class TaskFigures:
     """Success rates of one policy of an experiment on one task, over all training seeds.
 
     Attributes:
-        name: name of the task.
         rates: success rate for each kind of evaluation that was run.
     """
 

@@ -77,7 +77,6 @@ class ExperimentRecord(RunSettings):
     """Content of ``experiment.json``: the settings, which a resumed run must share.
 
     Attributes:
-        config: configuration of the experiment.
         seed: seed of the first training run of each policy.
         assets: folder of the real objects; ``"builtin"`` if the run has no real objects.
     """
@@ -321,7 +320,6 @@ class _Training:
     Attributes:
         learned: the trained policy.
         before_s: CPU time spent on the policy that this run starts from, s.
-        tables: results of each kind of evaluation.
     """
 
     learned: Learned

@@ -46,7 +46,6 @@ class Link:
         joint: joint to the parent; None for the root.
         axis: (3,) unit axis of a moving joint, in the joint frame; None for a fixed joint or the root.
         inertial: inertia; None for a frame without mass.
-        solids: collision shapes.
     """
 
     name: str

@@ -44,10 +44,7 @@ class Skill:
     """A single-step task that the robot solves.
 
     Attributes:
-        name: name of the task.
-        object: class of its object.
         kind: type of its success criterion.
-        strategies: strategies of its step.
     """
 
     name: str

@@ -53,7 +53,6 @@ class Proposal:
     Attributes:
         name: name in CamelCase.
         sentence: instruction in everyday words.
-        articulated: class of the articulated object.
         rigid: class of the rigid object; None if the task has no rigid object.
         criteria: types of the criteria that must hold at the end.
     """

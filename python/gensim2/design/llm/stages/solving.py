@@ -51,7 +51,6 @@ class StepToSolve:
     """A step of a task for which the model is asked for solver configs.
 
     Attributes:
-        task: task of the step.
         step: step for which configs are requested.
         things: facts about each object's class, by the object's name in the task.
         settings: summary of the robot, which includes the keypoints of its hand.
@@ -225,7 +224,6 @@ class Tried:
     """A simulated solver config and its results, described in sentences for the model.
 
     Attributes:
-        config: config of the step.
         outcome: sentences on how often the planner found a plan and how often the config succeeded.
         diagnosis: one sentence for each kind of failure.
     """
