@@ -15,7 +15,7 @@ from gensim2.policy.control import Sees
 from gensim2.policy.keypose.controller import MAX_TRIES, KeyposeController
 from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.training import read_goals
-from gensim2.robots.force import PRESSING, Yielding
+from gensim2.robots.force import FORCE_LIMIT, PRESSING, Yielding
 from gensim2.tasks.criteria import JOINT
 
 Array = npt.NDArray[np.float64]
@@ -86,8 +86,9 @@ class PerceivingKeyposeController(KeyposeController):
         if action is None or self._ran not in self._touching:
             return action
         q, qvel = (each.astype(np.float64) for each in (observation.joint_positions, observation.joint_velocities))
-        targets, short = self._yielding.targets(q, qvel, action[:-1].astype(np.float64), is_free=False)
-        self._is_pressed |= short > 0.0 and self._yielding.is_blocked(q, qvel, targets)
+        targets, _ = self._yielding.targets(q, qvel, action[:-1].astype(np.float64), is_free=False)
+        presses = self._yielding.force(q, targets) > FORCE_LIMIT
+        self._is_pressed |= presses and self._yielding.is_blocked(q, qvel, targets)
         return np.append(targets, action[-1]).astype(np.float32)
 
     def _judged(self, points: Array, q: Array, done: float) -> bool:
