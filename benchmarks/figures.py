@@ -29,7 +29,8 @@ from pydantic import BaseModel, BeforeValidator, Field
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
 from gensim2.evaluation.benchmark_table import by_instance

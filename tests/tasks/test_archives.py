@@ -11,7 +11,7 @@ import pytest
 
 from gensim2.cli.main import run
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.archive import MAX_ENTRIES
+from gensim2.core.foreign.limits import MAX_ENTRIES
 from gensim2.policy.array_file import read_arrays
 from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names, using_library
 

@@ -16,7 +16,8 @@ import gensim2_kpam as kpam
 from gensim2 import robots
 from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import parse_record
 from gensim2.robots.profile import rotation_matrix

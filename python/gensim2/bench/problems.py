@@ -17,7 +17,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 
 from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.record_files import parse_record
 
 #: Maximum deviation of a rotation matrix from orthonormality, in single precision.

@@ -9,7 +9,8 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.validation import input_error
 
 SCHEMA_VERSION = 1

@@ -10,7 +10,8 @@ from typing import Any
 
 from gensim2.core.errors import InputError
 from gensim2.core.files import write_atomic
-from gensim2.core.foreign.tree import MAX_RECORD, ForeignTree, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import ForeignTree, read_input
 from gensim2.core.pages import template
 from gensim2.core.record_files import read_record
 from gensim2.data.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.progress import Progress
 from gensim2.objects import open_library
 from gensim2.perception import DepthNoise, ObservationSpec

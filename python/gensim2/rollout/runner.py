@@ -12,7 +12,8 @@ from pydantic import TypeAdapter
 
 from gensim2.core.errors import GenSim2Error, InputError
 from gensim2.core.files import write_json
-from gensim2.core.foreign.tree import MAX_RECORD, read_input
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input
 from gensim2.core.processes import Execution, Executor, Failure, Job, Outcome, results
 from gensim2.core.progress import NULL_PROGRESS, Progress
 from gensim2.core.record_files import parse_record

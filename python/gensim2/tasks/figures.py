@@ -16,7 +16,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.core.errors import InputError
-from gensim2.core.foreign.tree import MAX_RECORD
+from gensim2.core.foreign.limits import MAX_RECORD
 from gensim2.core.renamed import current
 from gensim2.core.validation import input_error
 

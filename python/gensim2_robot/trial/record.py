@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from gensim2.core.errors import InputError, near
 from gensim2.core.files import not_written, write_atomic, write_json
-from gensim2.core.foreign.tree import MAX_RECORD, read_input, read_regular
+from gensim2.core.foreign.limits import MAX_RECORD
+from gensim2.core.foreign.tree import read_input, read_regular
 from gensim2.core.record_files import parse_record, read_record
 from gensim2.core.resumable import ResumableFolder, RunSettings
 from gensim2.core.seeding import rng

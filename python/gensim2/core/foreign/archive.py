@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.limits import MAX_ARCHIVE, MAX_ENTRIES
 from gensim2.core.foreign.tree import NotRegularError, open_regular
 
-MAX_ARCHIVE = 256 * 2**20  # maximum size of the file, bytes
-MAX_ENTRIES = 100_000
 _ENTRY = b"PK\x01\x02"  # signature of a directory entry
 
 #: Exceptions of ``zipfile`` for damaged archives; NotImplementedError: compression, RuntimeError: password.

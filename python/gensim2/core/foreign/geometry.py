@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.limits import MAX_MESH
 from gensim2.core.foreign.tree import ForeignTree, read_input, read_regular
 
 if TYPE_CHECKING:
     import trimesh
 
 MAX_URDF = 16 * 2**20  # maximum size of a URDF or SRDF, bytes
-MAX_MESH = 512 * 2**20  # maximum size of a mesh and of each file that it names, bytes
 
 
 def read_xml(file: Path) -> ET.Element:

@@ -13,8 +13,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-MAX_ARRAY = 2**30  # maximum size of one array in memory, bytes
-MAX_MEMBERS = 10_000  # maximum number of members of a group; only ManiSkill's trajectory files may have more
+from gensim2.core.foreign.limits import MAX_HDF5_ARRAY, MAX_HDF5_MEMBERS
 
 #: Filters that h5py can write: deflate, shuffle, fletcher32, lzf. For others HDF5 would load a plug-in.
 _FILTERS = {1, 2, 3, 32000}
@@ -43,7 +42,7 @@ def array_in(
     name: str,
     dtype: npt.DTypeLike | None = None,
     shape: tuple[int | None, ...] | None = None,
-    max_bytes: int = MAX_ARRAY,
+    max_bytes: int = MAX_HDF5_ARRAY,
 ) -> Array:
     """Read the array ``name`` in a group. The arguments and errors are those of :func:`dataset_in`."""
     values: Array = dataset_in(parent, name, dtype, shape, max_bytes)[()]
@@ -55,7 +54,7 @@ def dataset_in(
     name: str,
     dtype: npt.DTypeLike | None = None,
     shape: tuple[int | None, ...] | None = None,
-    max_bytes: int = MAX_ARRAY,
+    max_bytes: int = MAX_HDF5_ARRAY,
 ) -> h5py.Dataset:
     """Return the dataset ``name`` of the group ``parent`` without reading its values.
 
@@ -95,8 +94,8 @@ def members(group: h5py.Group) -> Iterator[str]:
     Raises:
         ForeignHdf5Error: the group has too many members.
     """
-    if len(group) > MAX_MEMBERS:
-        raise ForeignHdf5Error(f"{group.name} has {len(group)} members, more than {MAX_MEMBERS}")
+    if len(group) > MAX_HDF5_MEMBERS:
+        raise ForeignHdf5Error(f"{group.name} has {len(group)} members, more than {MAX_HDF5_MEMBERS}")
     yield from group
 
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.limits import MAX_TENSOR_HEADER
 from gensim2.core.foreign.tree import TooLargeError, megabytes, open_regular, read_input, why
 
 if TYPE_CHECKING:
     import torch
 
 MISMATCH = "the weights do not fit the configuration"
-MAX_HEADER = 4 * 2**20  # maximum size of the header, bytes; the header for a thousand tensors has about 100,000 bytes
 
 
 class Shape(NamedTuple):
@@ -65,8 +65,8 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
             header = int.from_bytes(stream.read(8), "little")
     except OSError as error:
         raise InputError(why(error), file=path, remedy=remedy) from error
-    if header > MAX_HEADER:
-        raise InputError(f"has a header of {header} bytes, more than {MAX_HEADER}", file=path, remedy=remedy)
+    if header > MAX_TENSOR_HEADER:
+        raise InputError(f"has a header of {header} bytes, more than {MAX_TENSOR_HEADER}", file=path, remedy=remedy)
     found = {}
     with read_by_library(path, remedy, "is damaged"), safe_open(path, "pt") as file:
         for name in file.keys():  # noqa: SIM118 - not a mapping

@@ -11,13 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, ClassVar, NamedTuple
 
 from gensim2.core.errors import InputError
-
-MAX_FILES = 1_000_000  # maximum number of files in an export; 10,000 episodes with images have about 140,000 files
-MAX_DEPTH = 12  # maximum number of levels of nested folders; exports of gensim2 have 5
-MAX_FILE_BYTES = 64 * 2**30  # maximum size of a file, bytes; ManiSkill stores all episodes of a task in one file
-MAX_RECORD = 512 * 2**20  # maximum size of one JSON file, bytes
-# Maximum size of a file copied with demonstrations, bytes, which their reader limits as well.
-MAX_COPIED = 2**30
+from gensim2.core.foreign.limits import MAX_COPIED, MAX_FILE_BYTES, MAX_FILES, MAX_FOLDER_DEPTH, MAX_RECORD
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -226,8 +220,8 @@ class ForeignTree:
                         name = prefix + entry.name
                         status = entry.stat(follow_symlinks=False)
                         if stat.S_ISDIR(status.st_mode):
-                            if depth >= MAX_DEPTH:
-                                raise self._error(f"is nested more than {MAX_DEPTH} folders deep", name, None)
+                            if depth >= MAX_FOLDER_DEPTH:
+                                raise self._error(f"is nested more than {MAX_FOLDER_DEPTH} folders deep", name, None)
                             waiting.append((folder / entry.name, f"{name}/", depth + 1))
                             continue
                         if not stat.S_ISREG(status.st_mode):

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.limits import MAX_LEROBOT_GROUP, MAX_LEROBOT_INFO, MAX_LEROBOT_ROWS, MAX_LEROBOT_TASKS
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.record_files import parse_record
 from gensim2.data.formats.arrow_columns import arrow_modules, to_array
@@ -20,10 +21,6 @@ from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
 
 Array = npt.NDArray[Any]
 
-MAX_INFO = 16 * 2**20  # maximum size of meta/info.json, bytes
-MAX_ROWS = 10_000_000  # maximum number of frames in a row group, which is read as a whole
-MAX_GROUP = 2**30  # maximum uncompressed size of a row group, bytes
-MAX_TASKS = 1_000_000
 
 REMEDY = "give a LeRobot data set of version 3.0"
 
@@ -86,7 +83,7 @@ _INFO, _TASKS = "meta/info.json", "meta/tasks.parquet"
 def _read_info(tree: ForeignTree) -> _Info:
     path, remedy = tree.path / _INFO, "give the folder that holds meta/"
     try:
-        content = tree.read(_INFO, MAX_INFO)
+        content = tree.read(_INFO, MAX_LEROBOT_INFO)
         version = parse_record(content, TypeAdapter(_Version), path, remedy).codebase_version
     except InputError as error:
         raise InputError(f"is not a LeRobot data set: {error.message}", file=path, remedy=remedy) from error
@@ -99,8 +96,8 @@ def _read_info(tree: ForeignTree) -> _Info:
 def _sentences(parquet: Any, path: Path) -> dict[int, str]:
     with read_by_library(path, REMEDY, "is not a readable list of tasks"):
         file = parquet.ParquetFile(path)
-        if file.metadata.num_rows > MAX_TASKS:
-            raise InputError(f"has more than {MAX_TASKS} tasks", file=path, remedy=REMEDY)
+        if file.metadata.num_rows > MAX_LEROBOT_TASKS:
+            raise InputError(f"has more than {MAX_LEROBOT_TASKS} tasks", file=path, remedy=REMEDY)
         tasks = file.read().to_pydict()
         numbers, sentences = tasks["task_index"], tasks[INDEX_NAME]
         if not all(isinstance(each, str) for each in sentences):
@@ -123,7 +120,7 @@ def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: 
 
 def _row_group(file: Any, group: int, shapes: dict[str, tuple[int, ...]], path: Path) -> dict[str, Array]:
     told = file.metadata.row_group(group)
-    if not 0 <= told.num_rows <= MAX_ROWS or told.total_byte_size > MAX_GROUP:
+    if not 0 <= told.num_rows <= MAX_LEROBOT_ROWS or told.total_byte_size > MAX_LEROBOT_GROUP:
         wrong = f"has {told.num_rows} rows of {told.total_byte_size} bytes in one group"
         raise InputError(wrong, file=path, field=f"row group {group}", remedy=REMEDY)
     table = file.read_row_group(group, columns=list(shapes), use_threads=False)

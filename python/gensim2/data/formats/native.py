@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gensim2.core.errors import InputError
+from gensim2.core.foreign.limits import MAX_RECORD, MAX_STRATEGIES
 from gensim2.core.foreign.names import is_name
-from gensim2.core.foreign.tree import MAX_RECORD, ForeignTree
+from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.progress import Progress
 from gensim2.core.sealed_file import MAX_BYTES
 from gensim2.core.yaml_files import MAX_BYTES as MAX_YAML
@@ -17,8 +18,6 @@ from gensim2.data.store import ROWS, TaskStore
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
-
-MAX_STRATEGIES = 1000  # maximum number of strategy files of a task
 
 REMEDY = "export again"
 

@@ -16,16 +16,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.core.errors import InputError, required
 from gensim2.core.foreign.library import read_by_library
+from gensim2.core.foreign.limits import MAX_ZARR_ARRAY, MAX_ZARR_CHUNK, MAX_ZARR_EPISODES, MAX_ZARR_JSON
 from gensim2.core.foreign.names import is_name
 from gensim2.core.foreign.tree import ForeignTree
 from gensim2.core.record_files import parse_record
 from gensim2.data.formats.columns import current, formerly_nested
 from gensim2.data.formats.frames import Frames
-
-MAX_EPISODES = 10_000_000
-MAX_DESCRIPTION = 64 * 2**20  # maximum size of a JSON file, bytes; one file contains the instructions of all tasks
-MAX_CHUNK = 256 * 2**20  # maximum uncompressed size of a chunk, bytes
-MAX_EPISODE = 2**30  # maximum size of one array of an episode, bytes
 
 REMEDY = "export again"
 
@@ -65,7 +61,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
     tree = ForeignTree(root)
     names = array_names(tree)
     try:
-        sentences = parse_record(tree.read(".zattrs", MAX_DESCRIPTION), TypeAdapter(_Attributes), root, REMEDY).tasks
+        sentences = parse_record(tree.read(".zattrs", MAX_ZARR_JSON), TypeAdapter(_Attributes), root, REMEDY).tasks
         ends, tasks = (_whole(tree, f"meta/{name}") for name in ("episode_ends", "task"))
     except InputError as error:
         raise InputError(f"is not a zarr data set of gensim2: {error}", file=root, remedy=REMEDY) from error
@@ -105,24 +101,24 @@ def array_names(tree: ForeignTree) -> dict[str, str]:
 
 def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
     file = f"{name}/.zarray"
-    found = parse_record(tree.read(file, MAX_DESCRIPTION), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
+    found = parse_record(tree.read(file, MAX_ZARR_JSON), TypeAdapter(_ArrayDescription), tree.path / file, REMEDY)
     if len(found.shape) != len(found.chunks):
         wrong = f"has {len(found.chunks)} entries, but the list 'shape' has {len(found.shape)}"
         raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)
-    if _bytes(found.chunks, found.dtype) > MAX_CHUNK:
-        wrong = f"has {shown(found.chunks)}: more than {MAX_CHUNK // 2**20} MiB"
+    if _bytes(found.chunks, found.dtype) > MAX_ZARR_CHUNK:
+        wrong = f"has {shown(found.chunks)}: more than {MAX_ZARR_CHUNK // 2**20} MiB"
         raise InputError(wrong, file=tree.path / file, field="chunks", remedy=REMEDY)
     return found
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array with ``frames`` rows, of which ``longest`` rows have at most ``MAX_EPISODE`` bytes."""
+    """Open an array with ``frames`` rows, of which ``longest`` rows have at most ``MAX_ZARR_ARRAY`` bytes."""
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"
         raise InputError(wrong, file=file, field="shape", remedy=REMEDY)
-    if _bytes([longest, *found.shape[1:]], found.dtype) > MAX_EPISODE:
-        wrong = f"has {shown(found.shape)}: more than {MAX_EPISODE // 2**20} MiB an episode"
+    if _bytes([longest, *found.shape[1:]], found.dtype) > MAX_ZARR_ARRAY:
+        wrong = f"has {shown(found.shape)}: more than {MAX_ZARR_ARRAY // 2**20} MiB an episode"
         raise InputError(wrong, file=file, field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):
         return required("zarr", "data").open_array(tree.inside(name), mode="r", zarr_format=2)
@@ -131,7 +127,7 @@ def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
 def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
     """Read an array that has one integer for each episode."""
     found = _description(tree, name)
-    if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MAX_EPISODES:
+    if len(found.shape) != 1 or found.dtype != "<i8" or found.shape[0] > MAX_ZARR_EPISODES:
         wrong = f"has {shown(found.shape)} of {found.dtype}, not one <i8 an episode"
         raise InputError(wrong, file=tree.path / name / ".zarray", field="shape", remedy=REMEDY)
     with read_by_library(tree.path / name, REMEDY):

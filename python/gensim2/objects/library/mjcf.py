@@ -21,7 +21,7 @@ import numpy as np
 from gensim2.core.errors import required
 from gensim2.core.foreign.geometry import MAX_URDF, opened_mesh
 from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.limits import MAX_OBJECT, MAX_TRIANGLES
+from gensim2.core.foreign.limits import MAX_MJCF_INCLUDES, MAX_OBJECT, MAX_TRIANGLES
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf_writer import UrdfWriter
 from gensim2.objects.shapes import Look, Mesh, hull_mesh, pose
@@ -34,7 +34,6 @@ ELEMENTS = frozenset(
 )
 DECORATION = frozenset(("camera", "light", "site", "texture"))
 """MJCF elements that are ignored, because they do not affect an object."""
-MAX_INCLUDES = 100
 
 
 def convert(source: Path, scratch: Path) -> Path:
@@ -93,8 +92,10 @@ class _Converter:
             for place, child in reversed(list(enumerate(parent))):
                 if child.tag == "include":
                     file = str(child.get("file"))
-                    if file in self._included or len(self._included) >= MAX_INCLUDES:
-                        wrong = f"either the file is included twice, or more than {MAX_INCLUDES} files are included"
+                    if file in self._included or len(self._included) >= MAX_MJCF_INCLUDES:
+                        wrong = (
+                            f"either the file is included twice, or more than {MAX_MJCF_INCLUDES} files are included"
+                        )
                         raise AssetError(wrong, file=self._file, field=file[:80])
                     self._included.add(file)
                     parent[place : place + 1] = list(self._read(file))

@@ -30,7 +30,14 @@ from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from gensim2.core.foreign.archive import DAMAGED, open_zip
 from gensim2.core.foreign.library import read_by_library
-from gensim2.core.foreign.limits import LARGEST_VALUE, MAX_OBJECT, MAX_OBJECT_FILES, MAX_TRIANGLES
+from gensim2.core.foreign.limits import (
+    LARGEST_VALUE,
+    MAX_OBJECT,
+    MAX_OBJECT_FILES,
+    MAX_TRIANGLES,
+    MAX_USD_LAYERS,
+    MAX_USD_PRIMS,
+)
 from gensim2.core.foreign.tree import megabytes, open_regular
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import T_FROM_Y_UP
@@ -40,8 +47,6 @@ from gensim2.objects.shapes import Look, Mesh, hull_mesh, pose
 from gensim2.objects.types import Array, AssetError
 
 LAYERS = (".usd", ".usda", ".usdc")
-MAX_LAYERS = 100  # maximum number of USD files of an object
-MAX_PRIMS = 100_000  # maximum number of prims of a scene
 AXES: Mapping[str, Array] = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 SHAPES = ("Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Mesh")
 """Types of prims that can be imported."""
@@ -105,8 +110,8 @@ class _Copier:
             name = waiting.pop()
             if name in self._done:
                 continue
-            if len(self._done) >= MAX_LAYERS:
-                raise AssetError(f"refers to over {MAX_LAYERS} files", file=self._file)
+            if len(self._done) >= MAX_USD_LAYERS:
+                raise AssetError(f"refers to over {MAX_USD_LAYERS} files", file=self._file)
             self._done.add(name)
             content = self._tree.read(name, MAX_OBJECT)
             self._size += len(content)
@@ -189,9 +194,9 @@ class _Converter:
         self._is_convex = True
 
     def write(self) -> tuple[Path, bool]:
-        prims = list(itertools.islice(self._traversed(), MAX_PRIMS + 1))
-        if len(prims) > MAX_PRIMS:
-            raise AssetError(f"has over {MAX_PRIMS} prims", file=self._file)
+        prims = list(itertools.islice(self._traversed(), MAX_USD_PRIMS + 1))
+        if len(prims) > MAX_USD_PRIMS:
+            raise AssetError(f"has over {MAX_USD_PRIMS} prims", file=self._file)
         for prim in prims:
             if prim.HasAPI(UsdPhysics.RigidBodyAPI) and _flag(UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr()):
                 self._links[str(prim.GetPath())] = _Link(prim, self._pose(prim))
