@@ -26,7 +26,7 @@ from gensim2.core.weights import (
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
-from gensim2.perception.estimation.network import NEIGHBORS, OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
+from gensim2.perception.estimation.network import OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
 Array = npt.NDArray[np.float64]
@@ -276,7 +276,7 @@ class SceneEstimator:
             InputError: the estimator does not know the class.
         """
         given = None if asset_class is None else by_name(self.classes, asset_class)
-        if len(xyz) <= NEIGHBORS:
+        if len(xyz) < LEAST_POINTS:
             return SceneEstimate((), np.arange(len(xyz)))
         with torch.inference_mode():
             found = np.asarray(xyz, dtype=np.float32)
