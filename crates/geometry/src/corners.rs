@@ -36,6 +36,12 @@ impl Corners {
     /// Replaces the vertices by `points`, transformed by `pose`.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
+        self.unbounded = false;
+        self.add(points, pose);
+    }
+
+    /// Adds `points`, transformed by `pose`, to the vertices.
+    pub(crate) fn add(&mut self, points: &[Point3<f64>], pose: &Pose) {
         // The sum is non-finite if any coordinate is, so the loop needs no branch.
         let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
@@ -59,7 +65,7 @@ impl Corners {
             }
             self.blocks.push(block);
         }
-        self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
+        self.unbounded |= total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
     /// Centre of the first block of vertices. For a single vertex, this is the vertex itself.

@@ -116,8 +116,14 @@ pub(crate) enum Reach {
 }
 
 /// Tests whether two rounded hulls in a common frame are at least `apart` (m) from each other, which is cheaper than
-/// measuring their distance. `toward` is a guess of the direction from the first to the second.
-pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), toward: &Vector3<f64>, apart: f64) -> Reach {
+/// measuring their distance. `toward` is a guess of the direction from the first to the second, and is replaced by the
+/// direction found.
+pub(crate) fn keeps_apart(
+    first: (&Corners, f64),
+    second: (&Corners, f64),
+    toward: &mut Vector3<f64>,
+    apart: f64,
+) -> Reach {
     let (a, b) = (first.0, second.0);
     let limit = apart + first.1 + second.1;
     if !(a.are_measurable() && b.are_measurable() && limit.abs() <= FURTHEST) {
@@ -125,7 +131,7 @@ pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), towar
     }
     let beyond = |keeps: bool| if keeps { Reach::Beyond } else { Reach::Within };
     if limit < 0.0 {
-        let found = signed_distance(first, second, &mut toward.clone(), 0.0);
+        let found = signed_distance(first, second, toward, 0.0);
         return beyond(found.is_none_or(|contact| contact.distance >= apart));
     }
     let same = Isometry3::identity();
@@ -137,8 +143,14 @@ pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), towar
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(extreme);
     match gjk::closest_points(&same, a, b, limit, false, &mut simplex) {
-        GJKResult::ClosestPoints(p, q, _) => beyond((q - p).norm() >= limit),
-        GJKResult::NoIntersection(n) if apart_along(a, b, &n) >= limit => Reach::Beyond,
+        GJKResult::ClosestPoints(p, q, n) => {
+            *toward = n.into_inner();
+            beyond((q - p).norm() >= limit)
+        }
+        GJKResult::NoIntersection(n) if apart_along(a, b, &n) >= limit => {
+            *toward = n.into_inner();
+            Reach::Beyond
+        }
         GJKResult::NoIntersection(_) => beyond(undecided(a, b, &direction).3 >= limit),
         GJKResult::Proximity(_) | GJKResult::Intersection => Reach::Within,
     }
@@ -375,7 +387,7 @@ mod tests {
         for other in [far(1e160), far(f64::NAN), far(f64::INFINITY), Corners::of(&[])] {
             let found = signed_distance((&near, 0.0), (&other, 0.0), &mut Vector3::x(), 0.1).unwrap();
             assert!(found.distance == f64::NEG_INFINITY);
-            assert_eq!(keeps_apart((&near, 0.0), (&other, 0.0), &Vector3::x(), 0.005), Reach::Within);
+            assert_eq!(keeps_apart((&near, 0.0), (&other, 0.0), &mut Vector3::x(), 0.005), Reach::Within);
         }
     }
 

@@ -76,6 +76,9 @@ pub use pose::{
     Pose, is_rigid, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about,
 };
 pub use robot::Robot;
-pub use screen::{Batch, Cover, Frames, LANES, Measure, Needs, Other, Points, Posing, Riders, Screen, Suspect};
+pub use screen::{
+    Batch, Chains, Cover, Frames, LANES, Measure, Motions, Needs, Other, Points, Posing, Riders, Screen, Suspect,
+    Travel,
+};
 pub use self_collisions::{ALWAYS, LinkPair, LinkRelation, SAMPLES};
 pub use voxels::{VoxelGrid, cubes};

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use gensim2_geometry::{
-    Batch, Convex, Corners, Cover, Joint, LANES, Link, Needs, Other, Pose, Riders, Robot, Screen, VoxelGrid,
-    signed_distance,
+    Batch, Chains, Convex, Corners, Cover, Draws, Joint, LANES, Link, Motions, Needs, Other, Pose, Riders, Robot,
+    Screen, Travel, VoxelGrid, signed_distance,
 };
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -270,11 +270,17 @@ fn what_lies_in_the_middle_of_another_is_surely_too_near() {
 fn values_of_single_joints_place_the_robot_like_whole_configurations() {
     let robot = arm(&[[0.1, 0.1, 0.1], [-0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, -0.1, 0.1], [0.1, 0.1, -0.1]]);
     let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
-    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), []);
-    let corners = |batch: &mut Batch| {
+    let (ball, none) = ([Convex::ball(0.1, Point3::new(0.3, 0.4, 0.5)).unwrap()], Pose::identity());
+    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), [(&ball[..], &none)]);
+    let needs = Needs { bodies: vec![0.0; 4], pairs: Vec::new() };
+    let gaps = |batch: &mut Batch| {
         screen.place(batch);
         let mut out = Vec::new();
-        screen.corners(batch, |_, _, place| out.push(place));
+        screen.survey(batch, &needs, 10.0, |s| {
+            out.push(s.gap);
+            true
+        });
+        assert_eq!(out.len(), 3);
         out
     };
     let (mut whole, mut single) = (Batch::default(), Batch::default());
@@ -290,6 +296,195 @@ fn values_of_single_joints_place_the_robot_like_whole_configurations() {
         for joint in 0..3 {
             single.set_joint(&screen, joint, std::array::from_fn(|lane| value(lane, joint)));
         }
-        assert_eq!(corners(&mut whole), corners(&mut single));
+        assert_eq!(gaps(&mut whole), gaps(&mut single));
     }
+}
+
+/// Joints that move each link of [`arm`], each with the link that the joint moves.
+fn carriers() -> Vec<Vec<(usize, usize)>> {
+    (0..4).map(|link| (0..link).map(|joint| (joint, joint + 1)).collect()).collect()
+}
+
+/// A motion of [`arm`] between two configurations. It deviates from the straight line by a parabola.
+struct Arc {
+    from: [f64; 3],
+    change: [f64; 3],
+    off: [f64; 3],
+}
+
+impl Arc {
+    fn at(&self, share: f64) -> [f64; 3] {
+        [0, 1, 2].map(|j| self.from[j] + self.change[j] * share + 4.0 * self.off[j] * share * (1.0 - share))
+    }
+
+    fn travel(&self) -> [Travel; 3] {
+        [0, 1, 2].map(|j| {
+            let (apart, off) = (self.change[j].abs() as f32, self.off[j].abs() as f32);
+            Travel { apart, gone: apart.max(4.0 * off), off }
+        })
+    }
+
+    fn of(draws: &mut Draws) -> Self {
+        let mut around = |most: [f64; 3]| most.map(|most| most * (2.0 * draws.unit() - 1.0));
+        Self { from: around([3.0, 3.0, 0.2]), change: around([0.2, 0.3, 0.1]), off: around([0.01, 0.02, 0.01]) }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+    #[test]
+    fn motions_keep_the_distances_that_are_proven(
+        rough in prop::collection::vec(coordinates(0.12), 5..30),
+        seed in 0..10_000usize,
+        places in prop::collection::vec((coordinates(0.7), coordinates(3.0)), 5),
+        loose in prop::collection::vec(coordinates(0.2), 5..40),
+        cloud in prop::collection::vec(coordinates(0.6), 40..80),
+        guess in coordinates(1.0),
+    ) {
+        const STEPS: usize = 8;
+        let robot = arm(&rough);
+        let at: Vec<Pose> = places.iter().map(|(t, r)| pose(*t, *r)).collect();
+        let none = Pose::identity();
+        let balls: Vec<Convex> = cloud.iter().map(|p| Convex::ball(0.01, Point3::from(*p)).unwrap()).collect();
+        let bodies: Vec<(Vec<Convex>, Pose)> = vec![
+            (vec![Convex::cuboid([0.3, 0.1, 0.02], &none).unwrap()], at[0]),
+            (vec![Convex::cylinder(0.05, 0.3, &none).unwrap()], at[1]),
+            (vec![Convex::capsule(0.05, 0.3, &none).unwrap()], at[2]),
+            (vec![Convex::ball(0.1, Point3::origin()).unwrap(), hull(&loose)], at[3]),
+            (balls, at[4]),
+        ];
+        let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+        let shapes = bodies.iter().map(|(s, p)| (s.as_slice(), p));
+        let screen = Screen::new(&robot, &Cover::of(&robot), &groups, vec![(1, 3), (3, 2)], shapes);
+        let mut draws = Draws::of(3, seed);
+        let arcs: Vec<Arc> = (0..LANES).map(|_| Arc::of(&mut draws)).collect();
+        let mut motions = Motions::new(Chains::new(&robot, &screen, &carriers()));
+        for (lane, arc) in arcs.iter().enumerate() {
+            motions.set(&screen, lane, [&arc.at(0.0), &arc.at(1.0)], &arc.travel());
+        }
+        screen.place_between(&mut motions);
+        let needs = Needs { bodies: vec![0.01; 4 * bodies.len()], pairs: vec![0.02; 2] };
+        let mut suspects: Vec<(usize, Other, [f32; LANES])> = Vec::new();
+        screen.survey_between(&mut motions, &needs, |s| {
+            suspects.push((s.group, s.other, s.gap));
+            true
+        });
+        // A pair that is looked at alone has the same gaps.
+        for (group, other, gap) in &suspects {
+            let mut alone = None;
+            screen.look_between(&mut motions, &needs, (*group, *other), |s| {
+                alone = Some(s.gap);
+                true
+            });
+            prop_assert_eq!(alone, Some(*gap));
+        }
+        let link_poses = |q: [f64; 3]| {
+            let mut poses = Vec::new();
+            robot.link_poses(&q, &mut poses).unwrap();
+            poses
+        };
+        let moved: Vec<(Vec<Convex>, &Pose)> =
+            bodies.iter().map(|(shapes, at)| (shapes.iter().map(|s| s.moved(at)).collect(), at)).collect();
+        for (lane, arc) in arcs.iter().enumerate() {
+            let ends = [link_poses(arc.at(0.0)), link_poses(arc.at(1.0))];
+            let ends = [ends[0].as_slice(), ends[1].as_slice()];
+            let steps: Vec<Vec<Pose>> =
+                (0..=STEPS).map(|k| link_poses(arc.at(k as f64 / STEPS as f64))).collect();
+            // Groups and bodies.
+            for group in 1..4 {
+                for (body, (shapes, _)) in moved.iter().enumerate() {
+                    let own = robot.links()[group].shapes();
+                    let all = steps.iter().map(|poses| least(own, &poses[group], shapes));
+                    let wanted = all.fold(f64::INFINITY, f64::min);
+                    let of_body: Vec<_> =
+                        suspects.iter().filter(|s| s.0 == group && screen.body(s.1) == Some(body)).collect();
+                    let gap = of_body.iter().map(|s| f64::from(s.2[lane])).fold(0.0, f64::min);
+                    prop_assert!(gap <= 0.0_f64.min(wanted.max(0.0) - 0.01) + 1e-9, "{group} {body} {gap} {wanted}");
+                    let mut proven = true;
+                    for (_, other, _) in of_body {
+                        let bend = motions.bend(group, *other, lane);
+                        let mut toward = Vector3::from(guess);
+                        // The second time, the normal of the first time is the guess.
+                        let [first, second] =
+                            [0, 1].map(|_| screen.keeps_between(group, *other, ends, 0.01 + bend, &mut toward));
+                        prop_assert_eq!(first, second);
+                        proven &= first;
+                        let way = screen.way_between(group, *other, ends);
+                        let room = screen.distance(group, *other, ends[0], 1.0) - way - bend;
+                        prop_assert!(first || room <= 0.01 + 1e-6, "{room}");
+                    }
+                    prop_assert!(!proven || wanted >= 0.01 - 1e-9, "{group} {body} {wanted}");
+                }
+            }
+            // Pairs of groups.
+            for (pair, (a, b)) in [(1, 3), (3, 2)].into_iter().enumerate() {
+                let wanted = steps.iter().map(|poses| {
+                    let theirs: Vec<Convex> =
+                        robot.links()[b].shapes().iter().map(|s| s.moved(&poses[b])).collect();
+                    least(robot.links()[a].shapes(), &poses[a], &theirs)
+                });
+                let wanted = wanted.fold(f64::INFINITY, f64::min);
+                let gap = suspects.iter().filter(|s| s.1 == Other::Pair(pair)).map(|s| f64::from(s.2[lane]));
+                let gap = gap.fold(0.0, f64::min);
+                prop_assert!(gap <= 0.0_f64.min(wanted.max(0.0) - 0.02) + 1e-9, "{pair} {gap} {wanted}");
+                if gap < 0.0 {
+                    let bend = motions.bend(a, Other::Pair(pair), lane);
+                    let mut toward = Vector3::from(guess);
+                    let proven = screen.keeps_between(a, Other::Pair(pair), ends, 0.02 + bend, &mut toward);
+                    prop_assert!(!proven || wanted >= 0.02 - 1e-9, "{pair} {wanted}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn no_point_lies_further_off_its_line_than_its_group_bends() {
+    let robot = arm(&[[0.1, 0.1, 0.1], [-0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, -0.1, 0.1], [0.1, 0.1, -0.1]]);
+    let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+    let ball = [Convex::ball(9.0, Point3::origin()).unwrap()];
+    let pairs = [(1, 3), (3, 2), (2, 1)];
+    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, pairs.to_vec(), [(&ball[..], &Pose::identity())]);
+    let needs = Needs { bodies: vec![9.0; 4], pairs: vec![9.0; 3] };
+    let mut motions = Motions::new(Chains::new(&robot, &screen, &carriers()));
+    let mut draws = Draws::of(1, 2);
+    let mut tightest = [0.0_f64; 2];
+    for _ in 0..60 {
+        let arcs: Vec<Arc> = (0..LANES).map(|_| Arc::of(&mut draws)).collect();
+        for (lane, arc) in arcs.iter().enumerate() {
+            motions.set(&screen, lane, [&arc.at(0.0), &arc.at(1.0)], &arc.travel());
+        }
+        screen.place_between(&mut motions);
+        screen.survey_between(&mut motions, &needs, |_| true);
+        let seen = (1..4).map(|b| (b, None)).chain((0..3).map(|pair| (pairs[pair].1, Some(pair))));
+        for (group, pair) in seen {
+            for (lane, arc) in arcs.iter().enumerate() {
+                let places = |share: f64| -> Vec<Point3<f64>> {
+                    let mut poses = Vec::new();
+                    robot.link_poses(&arc.at(share), &mut poses).unwrap();
+                    let pose = match pair {
+                        Some(pair) => poses[pairs[pair].0].inverse() * poses[group],
+                        None => poses[group],
+                    };
+                    robot.links()[group].shapes().iter().flat_map(Convex::points).map(|p| pose * p).collect()
+                };
+                let bend = match pair {
+                    Some(pair) => motions.bend(pairs[pair].0, Other::Pair(pair), lane),
+                    None => motions.bend(group, Other::Element(0), lane),
+                };
+                let (first, last) = (places(0.0), places(1.0));
+                for step in 1..8 {
+                    let share = f64::from(step) / 8.0;
+                    for ((a, b), p) in first.iter().zip(&last).zip(places(share)) {
+                        let off = (p - (a + (b - a) * share)).norm();
+                        assert!(off <= bend + 1e-6, "{group} {pair:?} {off} {bend}");
+                        let most = &mut tightest[usize::from(pair.is_some())];
+                        *most = most.max(off / bend);
+                    }
+                }
+            }
+        }
+    }
+    // The bounds are tight: some motions come close to them.
+    assert!(tightest.iter().all(|share| *share > 0.3), "{tightest:?}");
 }

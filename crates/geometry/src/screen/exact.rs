@@ -29,17 +29,31 @@ impl Piece {
         Self { solid: Obstacle::new(shape.clone()), corners, bounds, shape }
     }
 
-    /// Returns the vertices of the box around some pieces, in their link's frame; all at the origin without pieces.
-    pub fn corners_around(pieces: &[Self]) -> [[f32; 3]; 8] {
-        let all = pieces.iter().fold(Aabb::EMPTY, |sum, piece| sum.union(&piece.bounds));
-        let ends = if pieces.is_empty() { [[0.0; 3]; 2] } else { [all.min.into(), all.max.into()] };
-        std::array::from_fn(|corner| std::array::from_fn(|k| ends[corner >> k & 1][k] as f32))
+    /// Writes the vertices of the part at two poses of its link.
+    fn at_both(&self, [from, to]: [&Pose; 2], out: &mut Corners) {
+        out.place(self.shape.points(), from);
+        out.add(self.shape.points(), to);
+    }
+
+    /// Returns whether a plane with the unit normal `toward` separates the vertices at both poses from another hull, by
+    /// at least `apart` (m).
+    fn is_behind(&self, ends: [&Pose; 2], other: &Corners, toward: &Vector3<f64>, apart: f64) -> bool {
+        if !(self.corners.are_measurable() && other.are_measurable()) || (toward.norm_squared() - 1.0).abs() > 1e-9 {
+            return false;
+        }
+        let nearest = other.furthest(&-toward).coords.dot(toward);
+        ends.into_iter().all(|pose| {
+            let own = pose.rotation.inverse() * toward;
+            let height = self.corners.furthest(&own).coords.dot(&own) + pose.translation.vector.dot(toward);
+            nearest - height >= apart
+        })
     }
 }
 
 #[derive(Debug, Clone)]
 struct Placed {
     points: Vec<nalgebra::Point3<f64>>,
+    corners: Corners,
     bounds: Aabb,
     center: nalgebra::Point3<f64>,
     radius: f64,
@@ -61,6 +75,7 @@ impl Measure {
     pub(super) fn add(&mut self, shape: &Convex) {
         self.elements.push(Placed {
             points: shape.points().to_vec(),
+            corners: Corners::of(shape.points()),
             bounds: shape.aabb_at(&Pose::identity()),
             center: *shape.center(),
             radius: shape.radius(),
@@ -95,7 +110,120 @@ impl Measure {
     }
 
     pub(super) fn keeps_from(&self, group: usize, e: usize, poses: &[Pose], apart: f64) -> bool {
-        self.near_element(group, e, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
+        self.near_element(group, e, poses, apart, |a, b, mut toward| {
+            keeps_apart(a, b, &mut toward, apart) == Reach::Beyond
+        })
+    }
+
+    /// Returns whether a group keeps a distance from an element while its points move straight between two poses of the
+    /// links. A plane between the element and both positions of a piece proves it. `toward` is a guess of the plane's
+    /// normal in the base frame, from the group to the element, and is replaced by the normal found.
+    pub(super) fn keeps_from_between(
+        &self,
+        group: usize,
+        e: usize,
+        ends: [&[Pose]; 2],
+        apart: f64,
+        toward: &mut Vector3<f64>,
+    ) -> bool {
+        let ((link, pieces), element) = (&self.groups[group], &self.elements[e]);
+        let ends = ends.map(|poses| &poses[*link]);
+        let mut both = Corners::default();
+        pieces.iter().all(|piece| {
+            let [bounds, other] = ends.map(|pose| piece.shape.aabb_at(pose));
+            if bounds.union(&other).distance_squared(&element.bounds) > apart.max(0.0).powi(2) {
+                return true;
+            }
+            let limit = apart + piece.shape.radius() + element.radius;
+            if piece.is_behind(ends, &element.corners, toward, limit) {
+                return true;
+            }
+            piece.at_both(ends, &mut both);
+            *toward =
+                element.center - nalgebra::center(&(ends[0] * piece.shape.center()), &(ends[1] * piece.shape.center()));
+            let shapes = ((&both, piece.shape.radius()), (&element.corners, element.radius));
+            keeps_apart(shapes.0, shapes.1, toward, apart) == Reach::Beyond
+        })
+    }
+
+    /// The same for a pair of groups; the points of the second group move straight relative to the first group, and
+    /// `toward` is in the frame of the first group.
+    pub(super) fn pair_keeps_between(
+        &self,
+        (a, b): (usize, usize),
+        ends: [&[Pose]; 2],
+        apart: f64,
+        toward: &mut Vector3<f64>,
+    ) -> bool {
+        let ((one, mine), (two, theirs)) = (&self.groups[a], &self.groups[b]);
+        let ends = ends.map(|poses| poses[*one].inverse() * poses[*two]);
+        let ends = [&ends[0], &ends[1]];
+        let mut both = Corners::default();
+        theirs.iter().all(|other| {
+            let [bounds, last] = ends.map(|pose| other.shape.aabb_at(pose));
+            let bounds = bounds.union(&last);
+            let center = other.shape.center();
+            let middle = nalgebra::center(&(ends[0] * center), &(ends[1] * center));
+            let mut ready = false;
+            mine.iter().all(|piece| {
+                if piece.bounds.distance_squared(&bounds) > apart.max(0.0).powi(2) {
+                    return true;
+                }
+                let limit = apart + piece.shape.radius() + other.shape.radius();
+                if other.is_behind(ends, &piece.corners, &-*toward, limit) {
+                    return true;
+                }
+                if !ready {
+                    other.at_both(ends, &mut both);
+                    ready = true;
+                }
+                *toward = middle - piece.shape.center();
+                let shapes = ((&piece.corners, piece.shape.radius()), (&both, other.shape.radius()));
+                keeps_apart(shapes.0, shapes.1, toward, apart) == Reach::Beyond
+            })
+        })
+    }
+
+    /// The same for a group and a point cloud.
+    pub(super) fn keeps_from_cloud_between(
+        &self,
+        group: usize,
+        cloud: &PointGrid,
+        ends: [&[Pose]; 2],
+        apart: f64,
+    ) -> bool {
+        let (link, pieces) = &self.groups[group];
+        let [from, to] = ends.map(|poses| &poses[*link]);
+        let back = from.inverse();
+        let way = back * to;
+        let within = apart.max(0.0) + cloud.radius + cloud.extent + furthest(pieces, &Pose::identity(), &way);
+        let (mut one, mut both, mut near) = (Corners::default(), Corners::default(), Vec::new());
+        let mut core: Vec<nalgebra::Point3<f64>> = cloud.core.iter().map(|v| nalgebra::Point3::from(*v)).collect();
+        pieces.iter().all(|piece| {
+            wide(Gather { piece, cloud, pose: from, back: &back, within, near: &mut near });
+            if !near.is_empty() {
+                piece.at_both([&Pose::identity(), &way], &mut both);
+            }
+            near.iter().all(|(_, index)| {
+                let center = cloud.center(*index);
+                core.iter_mut().zip(&cloud.core).for_each(|(p, offset)| *p = center + offset);
+                one.place(&core, &back);
+                let mut toward = one.middle() - piece.shape.center();
+                let shapes = ((&both, piece.shape.radius()), (&one, cloud.radius));
+                keeps_apart(shapes.0, shapes.1, &mut toward, apart) == Reach::Beyond
+            })
+        })
+    }
+
+    /// Returns the maximum distance (m) between the positions of a group's point at two poses of the links; for a pair,
+    /// relative to the first group.
+    pub(super) fn way(&self, group: usize, first: Option<usize>, ends: [&[Pose]; 2]) -> f64 {
+        let (link, pieces) = &self.groups[group];
+        let [from, to] = ends.map(|poses| match first {
+            Some(first) => poses[self.groups[first].0].inverse() * poses[*link],
+            None => poses[*link],
+        });
+        furthest(pieces, &from, &to)
     }
 
     /// Returns the closest points of a group and an element in the frame of the group's link, if their distance is at
@@ -142,7 +270,7 @@ impl Measure {
     }
 
     pub(super) fn pair_keeps(&self, pair: (usize, usize), poses: &[Pose], apart: f64) -> bool {
-        self.near_group(pair, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
+        self.near_group(pair, poses, apart, |a, b, mut toward| keeps_apart(a, b, &mut toward, apart) == Reach::Beyond)
     }
 
     /// Returns the closest points of two groups in the frame of the first group's link, if their distance is at most
@@ -218,9 +346,9 @@ impl Measure {
 
     pub(super) fn keeps_from_cloud(&self, group: usize, cloud: &PointGrid, poses: &[Pose], apart: f64) -> bool {
         let found = self.to_cloud(group, cloud, poses, apart, |piece, point, _| {
-            let toward = point.middle() - piece.shape.center();
+            let mut toward = point.middle() - piece.shape.center();
             let shapes = ((&piece.corners, piece.shape.radius()), (point, cloud.radius));
-            match keeps_apart(shapes.0, shapes.1, &toward, apart) {
+            match keeps_apart(shapes.0, shapes.1, &mut toward, apart) {
                 Reach::Beyond => apart,
                 _ => f64::NEG_INFINITY,
             }
@@ -239,6 +367,21 @@ impl Measure {
         });
         nearest.contact
     }
+}
+
+/// Returns the maximum distance between the positions of a point of some pieces at two poses. The distance is a convex
+/// function of the point, so a vertex of the box around a piece is furthest.
+fn furthest(pieces: &[Piece], from: &Pose, to: &Pose) -> f64 {
+    let mut most = 0.0_f64;
+    for piece in pieces {
+        let ends = [piece.bounds.min, piece.bounds.max];
+        for corner in 0..8 {
+            let at = |k: usize| ends[corner >> k & 1][k];
+            let p = nalgebra::Point3::new(at(0), at(1), at(2));
+            most = most.max((to * p - from * p).norm());
+        }
+    }
+    most
 }
 
 /// The closest of several measured pairs of shapes.

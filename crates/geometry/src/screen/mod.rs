@@ -1,6 +1,7 @@
 //! Fast screening of eight configurations at a time in single precision: spheres that contain the links give lower
 //! bounds of all distances, and spheres inside the links give upper bounds. Undecided pairs are measured exactly.
 
+mod between;
 mod cover;
 mod exact;
 mod links;
@@ -17,6 +18,7 @@ use crate::lanes::F32x8;
 use nalgebra::{Point3, Vector3};
 
 use crate::{Bvh, Contact, Convex, JointKind, Pose, Robot};
+pub use between::{Chains, Motions, Travel};
 use cover::{Ball, MAX_BALLS, cover_by};
 pub use exact::Measure;
 use exact::Piece;
@@ -69,8 +71,6 @@ struct Cluster {
     link: usize,
     around: Sphere,
     balls: std::ops::Range<usize>,
-    /// Vertices of the box around the group's shapes, in the link's frame.
-    corners: [[f32; 3]; 8],
 }
 
 /// The second body of a pair whose distance is measured.
@@ -207,7 +207,7 @@ impl Screen {
             };
             let whole = whole.map_or(NOTHING, |ball| Sphere::of(&ball, slack));
             let balls = start..balls.len();
-            clusters.push(Cluster { link: group.link, around: whole, balls, corners: [[0.0; 3]; 8] });
+            clusters.push(Cluster { link: group.link, around: whole, balls });
         }
         let pieces = groups.iter().map(|group| {
             let own: Arc<[Piece]> = match &group.held {
@@ -217,9 +217,6 @@ impl Screen {
             (group.link, own)
         });
         let pieces: Vec<(usize, Arc<[Piece]>)> = pieces.collect();
-        for (cluster, (_, own)) in clusters.iter_mut().zip(&pieces) {
-            cluster.corners = Piece::corners_around(own);
-        }
         let measure = Measure::new(pieces);
         let extent = |cluster: &Cluster| Point3::from(cluster.around.center.map(f64::from)).coords.norm();
         let reach =
@@ -349,6 +346,33 @@ impl Screen {
             Other::Element(e) => self.measure.keeps_from(group, e, poses, apart),
             Other::Cloud(c) => self.measure.keeps_from_cloud(group, &self.clouds[c], poses, apart),
             Other::Pair(pair) => self.measure.pair_keeps(self.pairs[pair], poses, apart),
+        }
+    }
+
+    /// Returns whether a group keeps at least `apart` (m) from another body while its points move along straight lines
+    /// between two lists of link poses. For a pair of groups, the lines are relative to the first group. `toward` is any
+    /// vector. It is replaced by the normal of a separating plane, which makes the next test of a similar motion faster.
+    pub fn keeps_between(
+        &self,
+        group: usize,
+        other: Other,
+        ends: [&[Pose]; 2],
+        apart: f64,
+        toward: &mut Vector3<f64>,
+    ) -> bool {
+        match other {
+            Other::Element(e) => self.measure.keeps_from_between(group, e, ends, apart, toward),
+            Other::Cloud(c) => self.measure.keeps_from_cloud_between(group, &self.clouds[c], ends, apart),
+            Other::Pair(pair) => self.measure.pair_keeps_between(self.pairs[pair], ends, apart, toward),
+        }
+    }
+
+    /// Returns the maximum distance (m) between the positions of a group's point at two lists of link poses. For a pair,
+    /// it is a point of the second group relative to the first one.
+    pub fn way_between(&self, group: usize, other: Other, ends: [&[Pose]; 2]) -> f64 {
+        match other {
+            Other::Element(_) | Other::Cloud(_) => self.measure.way(group, None, ends),
+            Other::Pair(pair) => self.measure.way(self.pairs[pair].1, Some(self.pairs[pair].0), ends),
         }
     }
 

@@ -47,6 +47,37 @@ impl Frames {
         ]
     }
 
+    /// Returns the middle between this transform and another one, and half of their difference. Neither is rigid, but
+    /// both map a point to the middle of, and to half of the way between, its two positions.
+    #[inline(always)]
+    pub(super) fn halfway(&self, other: &Self) -> (Self, Self) {
+        let (mut middle, mut half) = (*self, *self);
+        for i in 0..3 {
+            for j in 0..3 {
+                half.r[i][j] = (other.r[i][j] - self.r[i][j]) * 0.5;
+                middle.r[i][j] = self.r[i][j] + half.r[i][j];
+            }
+            half.t[i] = (other.t[i] - self.t[i]) * 0.5;
+            middle.t[i] = self.t[i] + half.t[i];
+        }
+        (middle, half)
+    }
+
+    /// Returns another transform relative to this one.
+    #[inline(always)]
+    pub(super) fn inverse_then(&self, other: &Self) -> Self {
+        let mut out = *other;
+        let way = [other.t[0] - self.t[0], other.t[1] - self.t[1], other.t[2] - self.t[2]];
+        for i in 0..3 {
+            let column = [self.r[0][i], self.r[1][i], self.r[2][i]];
+            for j in 0..3 {
+                out.r[i][j] = column[0] * other.r[0][j] + column[1] * other.r[1][j] + column[2] * other.r[2][j];
+            }
+            out.t[i] = column[0] * way[0] + column[1] * way[1] + column[2] * way[2];
+        }
+        out
+    }
+
     #[inline(always)]
     fn then(&self, fixed: &Fixed) -> Self {
         let mut r = self.r;

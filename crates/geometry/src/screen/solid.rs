@@ -88,17 +88,25 @@ impl Solid {
     }
 
     /// Lower bounds of the distance (m) between the obstacle and the nearest of `balls`, which are at `centers` in
-    /// eight configurations; then the same for their inner spheres.
+    /// eight configurations; then the same for their inner spheres. With `SWEPT`, the radii are larger by `swells`, and
+    /// the inner spheres are left out.
     #[inline(always)]
-    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
+    pub fn least<const SWEPT: bool>(&self, centers: &[Points], balls: &[Sphere], swells: &[F32x8]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];
         // The loop is inside each match arm, so that the type of solid is tested only once.
         macro_rules! over {
             ($distance:ident($($part:expr),*)) => {
-                for (center, ball) in centers.iter().zip(balls) {
-                    let d = $distance(center, $($part),*);
-                    least[0] = least[0].min(d - F32x8::splat(ball.radius));
-                    least[1] = least[1].min(d - F32x8::splat(ball.inner));
+                if SWEPT {
+                    for ((center, ball), swell) in centers.iter().zip(balls).zip(swells) {
+                        let d = $distance(center, $($part),*);
+                        least[0] = least[0].min(d - F32x8::splat(ball.radius) - *swell);
+                    }
+                } else {
+                    for (center, ball) in centers.iter().zip(balls) {
+                        let d = $distance(center, $($part),*);
+                        least[0] = least[0].min(d - F32x8::splat(ball.radius));
+                        least[1] = least[1].min(d - F32x8::splat(ball.inner));
+                    }
                 }
             };
         }

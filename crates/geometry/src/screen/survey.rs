@@ -3,6 +3,7 @@
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
 
+use super::between::Between;
 use super::points::PointGrid;
 use super::solid::{Points, length};
 use super::{Batch, CULL, LANES, Needs, Other, Screen, Sphere, Suspect, TREE};
@@ -27,7 +28,7 @@ impl Screen {
     }
 
     #[inline(always)]
-    fn place_around(&self, batch: &mut Batch) {
+    pub(super) fn place_around(&self, batch: &mut Batch) {
         // No closure is used here: closures may not be inlined, and then are not compiled for wide vectors.
         batch.around.resize(self.groups.len(), [F32x8::ZERO; 3]);
         for (around, group) in batch.around.iter_mut().zip(&self.groups) {
@@ -45,13 +46,17 @@ impl Screen {
         batch.ready.resize(self.groups.len(), false);
     }
 
+    /// Computes the spheres of a group. With `SWEPT`, the batch holds the middles of motions.
     #[inline(always)]
-    fn ensure(&self, group: usize, batch: &mut Batch) {
+    fn ensure<const SWEPT: bool>(&self, group: usize, batch: &mut Batch, between: &mut Between) {
         if !batch.ready[group] {
             let cluster = &self.groups[group];
             let frame = batch.frames[cluster.link];
             for b in cluster.balls.clone() {
                 batch.centers[b] = frame.point(&self.balls[b].center);
+            }
+            if SWEPT {
+                self.swell(group, between);
             }
             batch.ready[group] = true;
         }
@@ -88,14 +93,24 @@ impl Screen {
             type Output = bool;
             #[inline(always)]
             fn run(self) -> bool {
-                self.screen.surveyed(self.batch, self.needs, self.reach, self.visit)
+                let Self { screen, batch, needs, reach, visit } = self;
+                screen.surveyed::<false>(batch, &mut Between::default(), needs, reach, visit)
+                    && screen.surveyed_pairs(batch, needs, reach, visit)
             }
         }
         wide(Work { screen: self, batch, needs, reach, visit })
     }
 
+    /// Examines all groups and bodies.
     #[inline(always)]
-    fn surveyed(&self, batch: &mut Batch, needs: &Needs, reach: f32, visit: &mut dyn FnMut(&Suspect) -> bool) -> bool {
+    pub(super) fn surveyed<const SWEPT: bool>(
+        &self,
+        batch: &mut Batch,
+        between: &mut Between,
+        needs: &Needs,
+        reach: f32,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
+    ) -> bool {
         for group in (0..self.groups.len()).rev() {
             let cluster = &self.groups[group];
             if cluster.balls.is_empty() {
@@ -111,7 +126,7 @@ impl Screen {
             let tree = self.tree.as_ref().filter(|_| own.is_none_or(|own| own.len() >= TREE));
             let mut near = std::mem::take(&mut batch.near);
             if let Some(tree) = tree {
-                let bounds = region(&batch.around[group], cluster.around.radius);
+                let bounds = region(&batch.around[group], self.radius::<SWEPT>(group, between));
                 near.clear();
                 tree.near(&bounds, farthest.max(0.0), |e| near.push(e as u32));
             }
@@ -126,7 +141,7 @@ impl Screen {
                 if batch.examined[group * self.solids.len() + e] == batch.placements {
                     continue;
                 }
-                whole = self.against_solid(group, e, row[self.body_of[e]], batch, reach, visit);
+                whole = self.against_solid::<SWEPT>((group, e), row[self.body_of[e]], batch, between, reach, visit);
                 if !whole {
                     break;
                 }
@@ -137,7 +152,7 @@ impl Screen {
             }
             for (c, cloud) in self.clouds.iter().enumerate() {
                 if cloud.from_base > 0.0 {
-                    let extent = length(&batch.around[group]) + F32x8::splat(cluster.around.radius);
+                    let extent = length(&batch.around[group]) + self.radius::<SWEPT>(group, between);
                     let limit = F32x8::splat(furthest as f32 + reach);
                     if all_at_least(F32x8::splat(cloud.from_base) - extent, limit) {
                         continue;
@@ -146,11 +161,23 @@ impl Screen {
                 if batch.examined[self.place_of(group, Other::Cloud(c))] == batch.placements {
                     continue;
                 }
-                if !self.against_cloud(group, c, row[cloud.body], batch, reach, visit) {
+                if !self.against_cloud::<SWEPT>((group, c), row[cloud.body], batch, between, reach, visit) {
                     return false;
                 }
             }
         }
+        true
+    }
+
+    /// Examines all pairs of groups.
+    #[inline(always)]
+    fn surveyed_pairs(
+        &self,
+        batch: &mut Batch,
+        needs: &Needs,
+        reach: f32,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
+    ) -> bool {
         for pair in 0..self.pairs.len() {
             if batch.examined[self.place_of(0, Other::Pair(pair))] == batch.placements {
                 continue;
@@ -173,13 +200,20 @@ impl Screen {
         }
     }
 
+    /// Radius (m) of the sphere around a group, or around its movement.
     #[inline(always)]
-    fn against_solid(
+    fn radius<const SWEPT: bool>(&self, group: usize, between: &Between) -> F32x8 {
+        let radius = F32x8::splat(self.groups[group].around.radius);
+        if SWEPT { radius + between.around[group] } else { radius }
+    }
+
+    #[inline(always)]
+    pub(super) fn against_solid<const SWEPT: bool>(
         &self,
-        group: usize,
-        e: usize,
+        (group, e): (usize, usize),
         need: f64,
         batch: &mut Batch,
+        between: &mut Between,
         reach: f32,
         visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
@@ -188,7 +222,7 @@ impl Screen {
         }
         let (obstacle, cluster, need) = (&self.solids[e], &self.groups[group], need as f32);
         let limit = F32x8::splat(reach + need);
-        let radius = F32x8::splat(cluster.around.radius);
+        let radius = self.radius::<SWEPT>(group, between);
         let (mut solid, mut coarse) = (&obstacle.first, obstacle.first.distance(&batch.around[group]) - radius);
         if all_at_least(coarse, limit) {
             return true;
@@ -199,9 +233,10 @@ impl Screen {
                 return true;
             }
         }
-        self.ensure(group, batch);
+        self.ensure::<SWEPT>(group, batch, between);
         let own = cluster.balls.clone();
-        let [least, inner] = solid.least(&batch.centers[own.clone()], &self.balls[own]);
+        let swells = if SWEPT { &between.swells[own.clone()] } else { &[] };
+        let [least, inner] = solid.least::<SWEPT>(&batch.centers[own.clone()], &self.balls[own], swells);
         // Both values are lower bounds, so the larger one is valid and tighter.
         let bound = least.max(coarse);
         if all_at_least(bound, limit) {
@@ -212,12 +247,12 @@ impl Screen {
     }
 
     #[inline(always)]
-    fn against_cloud(
+    pub(super) fn against_cloud<const SWEPT: bool>(
         &self,
-        group: usize,
-        c: usize,
+        (group, c): (usize, usize),
         need: f64,
         batch: &mut Batch,
+        between: &mut Between,
         reach: f32,
         visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
@@ -226,17 +261,22 @@ impl Screen {
         }
         let (cloud, cluster, need) = (&self.clouds[c], &self.groups[group], need as f32);
         let limit = F32x8::splat(reach + need);
-        let coarse = cloud.bounds(&batch.around[group]) - F32x8::splat(cluster.around.radius);
+        let coarse = cloud.bounds(&batch.around[group]) - self.radius::<SWEPT>(group, between);
         if all_at_least(coarse, limit) {
             return true;
         }
-        self.ensure(group, batch);
+        self.ensure::<SWEPT>(group, batch, between);
         let own = cluster.balls.clone();
+        let swells = if SWEPT { &between.swells[own.clone()] } else { &[][..] };
         let mut bounds = std::mem::take(&mut batch.bounds);
         bounds.clear();
         let mut bound = F32x8::splat(f32::MAX);
-        for (center, ball) in batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]) {
-            let d = (cloud.bounds(center) - F32x8::splat(ball.radius)).max(coarse);
+        for (k, (center, ball)) in batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]).enumerate() {
+            let mut d = cloud.bounds(center) - F32x8::splat(ball.radius);
+            if SWEPT {
+                d = d - swells[k];
+            }
+            let d = d.max(coarse);
             bound = bound.min(d);
             bounds.push(d);
         }
@@ -248,7 +288,7 @@ impl Screen {
                 // A NaN counts as too close.
                 if !is_at_least(gap[lane], close) {
                     let balls = batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]);
-                    [gap[lane], max_gap[lane]] = nearest(cloud, lane, close, balls, &bounds);
+                    [gap[lane], max_gap[lane]] = nearest(cloud, lane, close, balls, swells, &bounds);
                 }
             }
         }
@@ -279,8 +319,9 @@ impl Screen {
         if all_at_least(coarse, limit) {
             return true;
         }
-        self.ensure(a, batch);
-        self.ensure(b, batch);
+        let between = &mut Between::default();
+        self.ensure::<false>(a, batch, between);
+        self.ensure::<false>(b, batch, between);
         // Collects the spheres of the second group that are close to the first group.
         let mut open = std::mem::take(&mut batch.open);
         open.clear();
@@ -335,9 +376,10 @@ impl Screen {
             #[inline(always)]
             fn run(self) -> bool {
                 let Self { screen, batch, group, other, need, reach, visit } = self;
+                let between = &mut Between::default();
                 match other {
-                    Other::Element(e) => screen.against_solid(group, e, need, batch, reach, visit),
-                    Other::Cloud(c) => screen.against_cloud(group, c, need, batch, reach, visit),
+                    Other::Element(e) => screen.against_solid::<false>((group, e), need, batch, between, reach, visit),
+                    Other::Cloud(c) => screen.against_cloud::<false>((group, c), need, batch, between, reach, visit),
                     Other::Pair(pair) => screen.against_group(pair, need, batch, reach, visit),
                 }
             }
@@ -347,33 +389,8 @@ impl Screen {
         wide(Work { screen: self, batch, group, other, need, reach, visit: &mut visit })
     }
 
-    /// Passes to `visit` the corners of a box around each group's shapes (m, base frame): group, index of the corner,
-    /// position in every lane. No point of a group moves further between two configurations than one of these corners.
-    pub fn corners(&self, batch: &Batch, mut visit: impl FnMut(usize, usize, [[f32; LANES]; 3])) {
-        for (group, cluster) in self.groups.iter().enumerate().filter(|(_, c)| !c.balls.is_empty()) {
-            let frame = &batch.frames[cluster.link];
-            for (k, corner) in cluster.corners.iter().enumerate() {
-                visit(group, k, frame.point(corner).map(F32x8::to_array));
-            }
-        }
-    }
-
-    /// Passes to `visit` the lever arms of each group: group, joint that carries the group, and the maximum distance
-    /// (m) of the group's points from this joint's axis in every lane.
-    pub fn levers(
-        &self,
-        batch: &Batch,
-        carriers: &[Vec<(usize, usize)>],
-        robot: &Robot,
-        mut visit: impl FnMut(usize, usize, [f32; LANES]),
-    ) {
-        for (group, carried) in carriers.iter().enumerate() {
-            self.levers_of(batch, group, carried, robot, |joint, lever| visit(group, joint, lever));
-        }
-    }
-
-    /// Passes to `visit` the lever arms of one group as [`Screen::levers`] does: joint, and maximum distance in every
-    /// lane. `carried` are the joints that carry the group, each with the link that it moves.
+    /// Passes to `visit` the lever arms of one group: joint, and maximum distance (m) of the group's points from this
+    /// joint's axis in every lane. `carried` are the joints that carry the group, each with the link that it moves.
     pub fn levers_of(
         &self,
         batch: &Batch,
@@ -414,6 +431,7 @@ fn nearest<'a>(
     lane: usize,
     close: f32,
     balls: impl Iterator<Item = (&'a Points, &'a Sphere)> + Clone,
+    swells: &[F32x8],
     bounds: &[F32x8],
 ) -> [f32; 2] {
     let bound = |k: usize| bounds[k].to_array()[lane];
@@ -427,9 +445,10 @@ fn nearest<'a>(
             continue;
         }
         let place = [0, 1, 2].map(|e| center[e].to_array()[lane]);
-        match cloud.nearest(place, most + ball.radius + cloud.ball()) {
+        let radius = ball.radius + swells.get(k).map_or(0.0, |s| s.to_array()[lane]);
+        match cloud.nearest(place, most + radius + cloud.ball()) {
             Some(d) => {
-                least = least.min(d - ball.radius - cloud.ball());
+                least = least.min(d - radius - cloud.ball());
                 inner = inner.min(d - ball.inner - cloud.inner_ball());
             }
             None => least = most,
@@ -446,7 +465,7 @@ fn is_at_least(value: f32, limit: f32) -> bool {
 
 /// Returns the gap between two spheres whose radii sum to `radii`.
 #[inline(always)]
-fn apart(p: &Points, q: &Points, radii: f32) -> F32x8 {
+pub(super) fn apart(p: &Points, q: &Points, radii: f32) -> F32x8 {
     length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - F32x8::splat(radii)
 }
 
@@ -456,9 +475,9 @@ pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
     value.all_at_least(limit)
 }
 
-/// Returns a box around eight spheres of equal radius, whose centres are in the lanes of a vector.
-fn region(center: &Points, radius: f32) -> Aabb {
-    let low = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MAX, f32::min) - radius);
-    let high = |k: usize| f64::from(center[k].to_array().into_iter().fold(f32::MIN, f32::max) + radius);
+/// Returns a box around eight spheres, one in each lane.
+fn region(center: &Points, radius: F32x8) -> Aabb {
+    let low = |k: usize| f64::from((center[k] - radius).to_array().into_iter().fold(f32::MAX, f32::min));
+    let high = |k: usize| f64::from((center[k] + radius).to_array().into_iter().fold(f32::MIN, f32::max));
     Aabb { min: Point3::new(low(0), low(1), low(2)), max: Point3::new(high(0), high(1), high(2)) }
 }

@@ -27,22 +27,17 @@ impl Cubic {
         let h = b.time - a.time;
         let mut out = [a.position, a.velocity, [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]];
         for v in 0..joints {
-            if let (Some(from), Some(to)) = (&a.acceleration, &b.acceleration) {
-                out[2][v] = 0.5 * from[v];
-                out[3][v] = (to[v] - from[v]) / (6.0 * h);
-            } else {
-                let slope = (b.position[v] - a.position[v]) / h;
-                // Between nodes close in time, the acceleration computed from positions is only rounding error.
-                let rounding = f64::EPSILON * a.position[v].abs().max(b.position[v].abs());
-                let even = a.velocity[v] == b.velocity[v] && (slope - b.velocity[v]).abs() * h <= 4.0 * rounding;
-                if even && rounding > NOISE * h * h {
-                    continue;
-                }
-                out[2][v] = (3.0 * slope - 2.0 * a.velocity[v] - b.velocity[v]) / h;
-                out[3][v] = (a.velocity[v] + b.velocity[v] - 2.0 * slope) / (h * h);
-            }
+            let accelerations = a.acceleration.zip(b.acceleration).map(|(from, to)| [from[v], to[v]]);
+            let [_, _, bend, change] =
+                cubic([a.position[v], a.velocity[v]], [b.position[v], b.velocity[v]], accelerations, h);
+            (out[2][v], out[3][v]) = (bend, change);
         }
         Self(out)
+    }
+
+    /// Returns the coefficients of joint `v`.
+    fn of(&self, v: usize) -> [f64; 4] {
+        [0, 1, 2, 3].map(|k| self.0[k][v])
     }
 
     /// Returns the Bernstein coefficients of the position of joint `v` over a duration `h` (s).
@@ -56,16 +51,34 @@ impl Cubic {
         let [d, c, e] = [self.0[1][v], h * self.0[2][v], h * h * self.0[3][v]];
         [d, d + c, d + 2.0 * c + 3.0 * e]
     }
+}
 
-    /// Returns position, velocity and acceleration of joint `v` at time `t` (s) after the start, averaged over a time
-    /// window of `width` (s) centred at `t`.
-    fn average(&self, v: usize, t: f64, width: f64) -> [f64; 3] {
-        let [p, d, c, e] = [self.0[0][v], self.0[1][v], self.0[2][v], self.0[3][v]];
-        let spread = width * width / 12.0;
-        let velocity = d + t * (2.0 * c + 3.0 * e * t);
-        let acceleration = 2.0 * c + 6.0 * e * t;
-        [p + t * (d + t * (c + t * e)) + 0.5 * acceleration * spread, velocity + 3.0 * e * spread, acceleration]
+/// Returns the coefficients of the cubic of one joint between two nodes that are `h` (s) apart, each given by position
+/// and velocity: position, velocity, half the second and a sixth of the third derivative at the first node.
+#[inline]
+fn cubic(from: [f64; 2], to: [f64; 2], accelerations: Option<[f64; 2]>, h: f64) -> [f64; 4] {
+    let [p, d] = from;
+    if let Some([before, after]) = accelerations {
+        return [p, d, 0.5 * before, (after - before) / (6.0 * h)];
     }
+    let slope = (to[0] - p) / h;
+    // Between nodes close in time, the acceleration computed from positions is only rounding error.
+    let rounding = f64::EPSILON * p.abs().max(to[0].abs());
+    let even = d == to[1] && (slope - to[1]).abs() * h <= 4.0 * rounding;
+    if even && rounding > NOISE * h * h {
+        return [p, d, 0.0, 0.0];
+    }
+    [p, d, (3.0 * slope - 2.0 * d - to[1]) / h, (d + to[1] - 2.0 * slope) / (h * h)]
+}
+
+/// Returns position, velocity and acceleration of a cubic at time `t` (s) after its start, averaged over a time window
+/// of `width` (s) centred at `t`.
+#[inline]
+fn average([p, d, c, e]: [f64; 4], t: f64, width: f64) -> [f64; 3] {
+    let spread = width * width / 12.0;
+    let velocity = d + t * (2.0 * c + 3.0 * e * t);
+    let acceleration = 2.0 * c + 6.0 * e * t;
+    [p + t * (d + t * (c + t * e)) + 0.5 * acceleration * spread, velocity + 3.0 * e * spread, acceleration]
 }
 
 /// Returns the largest used fractions of the velocity and acceleration limits on the cubic between two nodes. Velocity
@@ -196,7 +209,7 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     let q = -(bend + root.copysign(bend));
     for t in [q / (3.0 * change), slope / q] {
         if t > 0.0 && t < b.time - a.time {
-            let value = cubic.average(v, t, 0.0)[0];
+            let value = average(cubic.of(v), t, 0.0)[0];
             (low, high) = (low.min(value), high.max(value));
         }
     }
@@ -354,6 +367,16 @@ impl Piece {
         out
     }
 
+    /// Returns the coefficients of the cubic of joint `v` after node `i`.
+    #[inline]
+    fn cubic(&self, i: usize, v: usize) -> [f64; 4] {
+        let n = self.joints;
+        let state = |k: usize| [self.states[2 * n * k + v], self.states[2 * n * k + n + v]];
+        let acceleration = |k: usize| self.accelerations.get(n * k + v).copied();
+        let accelerations = acceleration(i).zip(acceleration(i + 1)).map(|(a, b)| [a, b]);
+        cubic(state(i), state(i + 1), accelerations, self.times[i + 1] - self.times[i])
+    }
+
     fn node(&self, i: usize) -> Node {
         let n = self.joints;
         let state = &self.states[2 * n * i..2 * n * (i + 1)];
@@ -373,24 +396,24 @@ impl Piece {
         let (from, to) = (local(from) - self.width, local(to));
         let first = self.times.partition_point(|t| *t <= from).saturating_sub(1);
         for cell in first..self.times.len().saturating_sub(1) {
-            let (a, b) = (self.node(cell), self.node(cell + 1));
-            let h = b.time - a.time;
-            if a.time > to {
+            let (start, h) = (self.times[cell], self.times[cell + 1] - self.times[cell]);
+            if start > to {
                 return;
             }
             if h <= 0.0 {
                 continue;
             }
-            let (begin, end) = ((from - a.time).clamp(0.0, h), (to - a.time).clamp(0.0, h));
+            let (begin, end) = ((from - start).clamp(0.0, h), (to - start).clamp(0.0, h));
             if self.smooth {
+                let (a, b) = (self.node(cell), self.node(cell + 1));
                 for v in 0..self.joints {
                     most[v] = most[v].max(Quintic::between(&a, &b, v).hardest(begin / h, end / h));
                 }
                 continue;
             }
-            let cubic = Cubic::between(self.joints, &a, &b);
             for v in 0..self.joints {
-                let acceleration = |t: f64| 2.0 * cubic.0[2][v] + 6.0 * cubic.0[3][v] * t;
+                let [_, _, bend, change] = self.cubic(cell, v);
+                let acceleration = |t: f64| 2.0 * bend + 6.0 * change * t;
                 most[v] = most[v].max(acceleration(begin).abs()).max(acceleration(end).abs());
             }
         }
@@ -418,17 +441,16 @@ impl Piece {
             return out;
         }
         loop {
-            let (a, b) = (self.node(cell), self.node(cell + 1));
-            let cubic = Cubic::between(self.joints, &a, &b);
-            let (begin, end) = (a.time.max(from), if cell == last { to } else { b.time.min(to) });
+            let (start, next) = (self.times[cell], self.times[cell + 1]);
+            let (begin, end) = (start.max(from), if cell == last { to } else { next.min(to) });
             let share = if self.width > 0.0 { (end - begin) / self.width } else { 1.0 };
             for v in 0..self.joints {
-                let values = cubic.average(v, 0.5 * (begin + end) - a.time, end - begin);
+                let values = average(self.cubic(cell, v), 0.5 * (begin + end) - start, end - begin);
                 for (row, value) in out.iter_mut().zip(values) {
                     row[v] += share * value;
                 }
             }
-            if cell == last || b.time >= to {
+            if cell == last || next >= to {
                 return out;
             }
             cell += 1;

@@ -2,7 +2,6 @@
 //! and is proven collision-free along its whole length.
 
 mod along_poses;
-mod between;
 mod field;
 mod goal;
 mod ik;

@@ -1,74 +1,72 @@
-//! Proves that a timed motion keeps its required distances. Between two checked configurations, nothing may move
-//! further than the gaps at both allow. If this is not certain, a configuration between them is checked, too.
+//! Proves that a timed motion keeps its required distances. The motion is divided into parts. Spheres in single
+//! precision exclude most pairs of bodies in a part; the other pairs are measured exactly, and a part in which a pair is
+//! not certainly far enough apart is halved for this pair.
 
-use gensim2_geometry::{Batch, JointKind, LANES, Pose, Screen, Suspect};
+use gensim2_geometry::{Chains, LANES, Motions, Other, Pose, Screen, Travel};
+
+use nalgebra::Vector3;
 
 use super::{Approached, Stuck};
 use crate::model::{Model, Row};
-use crate::world::{Compiled, Required, place_of};
+use crate::world::{CONTACT, Compiled, Required, TOUCH};
 use crate::{Cancel, Scene, Trajectory};
 
-/// Measured gaps are capped at this value (m).
-const REACH: f32 = 0.08;
-/// Initial distance (m) between checked configurations; joint movements are multiplied by lever arms.
+/// Maximum length (m) of the parts into which a motion is divided at first; joint movements are multiplied by lever
+/// arms.
 const FIRST: f64 = 0.09;
-/// Time between the positions from which the length of the motion is summed (s), and the maximum number of positions.
-const STEP: f64 = 0.02;
+/// Minimum number of positions from which the length of the motion is summed, the maximum time between them (s), and
+/// their maximum number.
+const LEAST_STEPS: f64 = 24.0;
+const STEP: f64 = 0.1;
 const MAX_STEPS: f64 = 5e3;
 /// Maximum number of checked configurations. A motion that needs more is not proven.
-const MAX_LOOKS: usize = 20_000;
-/// Pairs whose gap is smaller than this (m) are measured exactly.
-const CLOSE: f32 = 0.02;
+const MAX_PLACES: usize = 20_000;
 
-/// A checked configuration of the motion with its gaps.
-pub(super) struct Look {
-    pub time: f64,
-    pub q: Vec<f64>,
-    /// Distance minus required distance (m), for each group to the fixed bodies, and for each pair of groups.
-    pub gaps: Vec<f32>,
-    /// Whether each gap was measured exactly.
-    measured: Vec<bool>,
-    suspects: Vec<Suspect>,
-    lane: usize,
-    /// Whether the motion to the next configuration is proven collision-free.
-    sure: bool,
-    /// Maximum distance of each group's points from each joint's axis (m), one row for each group.
-    pub levers: Vec<f32>,
-    /// Corners of a box around each group (m, base frame): coordinates x, y and z of all eight corners.
-    pub corners: Vec<[[f32; LANES]; 3]>,
+/// Number of halvings of a part after which its ends are measured. Most parts are proven before.
+const PATIENCE: u32 = 2;
+
+/// Part of the motion between two places, in which one pair is not proven to keep its distance.
+#[derive(Clone, Copy)]
+struct Open {
+    from: usize,
+    to: usize,
+    group: usize,
+    other: Other,
+}
+
+/// Configurations of the motion.
+#[derive(Default)]
+struct Places {
+    times: Vec<f64>,
+    /// Full joint vectors, one after another.
+    q: Vec<f64>,
+    /// Poses of the links, empty until they are needed.
+    poses: Vec<Vec<Pose>>,
 }
 
 /// Proof that one motion is collision-free.
 pub(super) struct Sweep<'s> {
-    pub scene: &'s Scene,
-    pub model: &'s Model,
-    pub world: &'s Compiled,
-    pub needs: &'s Required,
+    scene: &'s Scene,
+    model: &'s Model,
+    world: &'s Compiled,
+    needs: &'s Required,
     /// Mean lever arm of each joint (m), used for the initial spacing.
-    pub weights: Row,
+    weights: Row,
     pub checks: u64,
     /// Flag by which the caller ends the proof.
     over: &'s Cancel,
-    /// Whether each joint is a sliding joint.
-    pub slides: Vec<bool>,
-    /// For each gap, the joints that move one of its two bodies relative to the other, each with the group that it moves.
-    pub movers: Vec<Vec<(usize, usize)>>,
-    /// Indices of the gaps with a required distance.
-    active: Vec<usize>,
-    batch: Batch,
-    poses: Vec<Pose>,
+    motions: Motions,
+    places: Places,
+    travel: Vec<Travel>,
+    q: Vec<f64>,
+    /// Normals of the planes that separated pairs last.
+    normals: Vec<((usize, Other), Vector3<f64>)>,
 }
 
 impl<'s> Sweep<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Required, weights: Row, over: &'s Cancel) -> Self {
         let world = scene.compiled();
-        let slides = scene.robot().joints().iter().map(|joint| joint.kind() == JointKind::Prismatic).collect();
-        let (screen, screened) = (&world.screen, needs.screened());
-        let (groups, bodies) = (screen.groups(), screen.bodies());
-        let is_checked = |need: &f64| *need > f64::NEG_INFINITY;
-        let beside = (0..groups).filter(|g| screened.bodies[g * bodies..(g + 1) * bodies].iter().any(is_checked));
-        let pairs = (0..screen.pairs().len()).filter(|pair| is_checked(&screened.pairs[*pair]));
-        let active = beside.chain(pairs.map(|pair| groups + pair)).collect();
+        let chains = Chains::new(scene.robot(), &world.screen, &world.carriers);
         Self {
             scene,
             model,
@@ -77,15 +75,15 @@ impl<'s> Sweep<'s> {
             weights,
             checks: 0,
             over,
-            slides,
-            movers: world.movers(),
-            active,
-            batch: Batch::default(),
-            poses: Vec::new(),
+            motions: Motions::new(chains),
+            places: Places::default(),
+            travel: vec![Travel::default(); scene.robot().joints().len()],
+            q: Vec::new(),
+            normals: Vec::new(),
         }
     }
 
-    pub(super) fn screen(&self) -> &'s Screen {
+    fn screen(&self) -> &'s Screen {
         &self.world.screen
     }
 
@@ -94,190 +92,202 @@ impl<'s> Sweep<'s> {
     /// # Errors
     /// The first violation found, or that the proof was ended.
     pub fn breach(&mut self, motion: &Trajectory) -> Result<(), Stuck> {
-        let (start, end) = (motion.start(), motion.end());
-        let mut times = vec![start];
-        let steps = ((end - start) / STEP).ceil().clamp(1.0, MAX_STEPS) as usize;
-        let (mut last, mut gone) = (motion.moving(start), 0.0);
-        for k in 1..=steps {
-            if self.over.is_cancelled() {
-                return Err(Stuck::Over);
-            }
-            let t = start + (end - start) * k as f64 / steps as f64;
-            let x = motion.moving(t);
-            gone += (0..self.model.n()).map(|v| (self.weights[v] * (x[v] - last[v])).powi(2)).sum::<f64>().sqrt();
-            last = x;
-            if gone > FIRST || k == steps {
-                times.push(t);
-                gone = 0.0;
-            }
-        }
-        let mut looks = self.look(motion, &times)?;
-        loop {
-            let mut between = Vec::new();
-            for k in 0..looks.len() - 1 {
-                let (before, after) = looks.split_at_mut(k + 1);
-                if before[k].sure || self.certify(motion, &mut before[k], &mut after[0]) {
-                    before[k].sure = true;
-                    continue;
-                }
-                if let Some(breach) = self.touching(&before[k]).or_else(|| self.touching(&after[0])) {
-                    return Err(Stuck::Near(breach));
-                }
-                between.push(0.5 * (before[k].time + after[0].time));
-            }
-            if between.is_empty() {
-                return Ok(());
-            }
-            if looks.len() > MAX_LOOKS {
-                let names = ["motion".to_owned(), "its surroundings".to_owned()];
-                return Err(Stuck::Near(Approached { bodies: names, distance: 0.0 }));
-            }
-            let more = self.look(motion, &between)?;
-            // Drop proven intervals; keep only new configurations and their neighbours.
-            let mut merged: Vec<Look> = Vec::with_capacity(looks.len() + more.len());
-            let mut old = looks.into_iter().peekable();
-            for look in more {
-                while let Some(before) = old.next_if(|l| l.time < look.time) {
-                    merged.push(before);
-                }
-                merged.push(look);
-            }
-            merged.extend(old);
-            looks = merged;
-        }
-    }
-
-    /// Checks the configurations of a motion at the given times; returns an error if a pair is certainly too close.
-    pub(super) fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Stuck> {
-        let screen = self.screen();
-        let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
-        let count = groups + screen.pairs().len();
-        let mut out: Vec<Look> = Vec::with_capacity(times.len());
-        for chunk in times.chunks(LANES) {
-            if self.over.is_cancelled() {
-                return Err(Stuck::Over);
-            }
-            self.checks += chunk.len() as u64;
-            let first = out.len();
-            for (lane, time) in chunk.iter().enumerate() {
-                let mut q = Vec::with_capacity(joints);
-                self.model.map().positions(&motion.moving(*time), &mut q);
-                self.batch.set(screen, lane, &q);
-                out.push(Look {
-                    time: *time,
-                    q,
-                    gaps: vec![REACH; count],
-                    measured: vec![false; count],
-                    suspects: Vec::new(),
-                    lane,
-                    sure: false,
-                    levers: vec![0.0; groups * joints],
-                    corners: vec![[[0.0; LANES]; 3]; groups],
-                });
-            }
-            for lane in chunk.len()..LANES {
-                self.batch.set(screen, lane, &out[first].q);
-            }
-            screen.place(&mut self.batch);
-            let looks = &mut out[first..];
-            screen.survey(&mut self.batch, self.needs.screened(), REACH, |s| {
-                let place = place_of(s, groups);
-                for look in looks.iter_mut() {
-                    let gap = s.gap[look.lane];
-                    // A NaN must not count as collision-free.
-                    if !is_clear(gap, REACH) {
-                        look.gaps[place] = if gap < look.gaps[place] { gap } else { look.gaps[place].min(gap) };
-                        look.suspects.push(*s);
+        self.divide(motion)?;
+        let mut open: Vec<Open> = Vec::new();
+        let parts: Vec<[usize; 2]> = (1..self.places.times.len()).map(|k| [k - 1, k]).collect();
+        for chunk in parts.chunks(LANES) {
+            self.place(motion, chunk)?;
+            let screen = self.screen();
+            let found = &mut open;
+            screen.survey_between(&mut self.motions, self.needs.screened(), |s| {
+                for (lane, [from, to]) in chunk.iter().enumerate() {
+                    if !is_clear(s.gap[lane]) {
+                        found.push(Open { from: *from, to: *to, group: s.group, other: s.other });
                     }
                 }
                 true
             });
-            screen.levers(&self.batch, &self.world.carriers, self.scene.robot(), |group, joint, lever| {
-                for look in looks.iter_mut() {
-                    look.levers[group * joints + joint] = lever[look.lane];
-                }
-            });
-            screen.corners(&self.batch, |group, corner, place| {
-                for look in looks.iter_mut() {
-                    (0..3).for_each(|k| look.corners[group][k][corner] = place[k][look.lane]);
-                }
-            });
-            for look in looks {
-                for k in 0..self.active.len() {
-                    let place = self.active[k];
-                    if !is_clear(look.gaps[place], 0.0) {
-                        self.measure(look, place);
-                        if let Some(breach) = self.touching(look) {
-                            return Err(Stuck::Near(breach));
-                        }
-                    }
+            self.measure(&mut open, chunk, 0)?;
+        }
+        let mut halves: Vec<[usize; 2]> = Vec::new();
+        let mut halvings = 0;
+        while !open.is_empty() {
+            halvings += 1;
+            if self.places.times.len() > MAX_PLACES {
+                let names = ["motion".to_owned(), "its surroundings".to_owned()];
+                return Err(Stuck::Near(Approached { bodies: names, distance: 0.0 }));
+            }
+            open.sort_by_key(|o| o.from);
+            // Open pairs of the halves, part by part.
+            let mut next: Vec<Open> = Vec::new();
+            halves.clear();
+            for part in open.chunk_by(|a, b| a.from == b.from) {
+                let (from, to) = (part[0].from, part[0].to);
+                let middle = self.push(motion, 0.5 * (self.places.times[from] + self.places.times[to]));
+                for half in [[from, middle], [middle, to]] {
+                    halves.push(half);
+                    next.extend(part.iter().map(|o| Open { from: half[0], to: half[1], ..*o }));
                 }
             }
+            open.clear();
+            let mut rest = next.as_slice();
+            for chunk in halves.chunks(LANES) {
+                self.place(motion, chunk)?;
+                let lane_of = |o: &Open| chunk.iter().position(|part| *part == [o.from, o.to]);
+                let count = rest.iter().take_while(|o| lane_of(o).is_some()).count();
+                let (own, others) = rest.split_at(count);
+                rest = others;
+                let first = open.len();
+                for (k, o) in own.iter().enumerate() {
+                    let is_same = |other: &&Open| other.group == o.group && other.other == o.other;
+                    if own[..k].iter().any(|other| is_same(&other)) {
+                        continue;
+                    }
+                    let (screen, needs) = (self.screen(), self.needs.screened());
+                    let found = &mut open;
+                    screen.look_between(&mut self.motions, needs, (o.group, o.other), |s| {
+                        let same = own[k..].iter().filter(is_same);
+                        found.extend(same.filter(|o| lane_of(o).is_none_or(|lane| !is_clear(s.gap[lane]))));
+                        true
+                    });
+                }
+                let mut unsure = open.split_off(first);
+                self.measure(&mut unsure, chunk, halvings)?;
+                open.append(&mut unsure);
+            }
         }
-        Ok(out)
+        Ok(())
     }
 
-    /// Replaces the lower bounds of a gap by the exact distance.
-    fn measure(&mut self, look: &mut Look, place: usize) {
-        if look.measured[place] {
-            return;
+    /// Divides a motion into parts of about equal length.
+    fn divide(&mut self, motion: &Trajectory) -> Result<(), Stuck> {
+        self.places.times.clear();
+        self.places.q.clear();
+        self.places.poses.clear();
+        let (start, end) = (motion.start(), motion.end());
+        let steps = ((end - start) / STEP).ceil().clamp(LEAST_STEPS, MAX_STEPS);
+        let mut last = motion.moving(start);
+        self.push(motion, start);
+        for k in 1..=steps as usize {
+            if self.over.is_cancelled() {
+                return Err(Stuck::Over);
+            }
+            let before = start + (end - start) * (k - 1) as f64 / steps;
+            let time = start + (end - start) * k as f64 / steps;
+            let x = motion.moving(time);
+            let gone = (0..self.model.n()).map(|v| (self.weights[v] * (x[v] - last[v])).powi(2)).sum::<f64>().sqrt();
+            let parts = (gone / FIRST).ceil().max(1.0);
+            for part in 1..parts as usize {
+                self.push(motion, before + (time - before) * part as f64 / parts);
+            }
+            self.push_at(time, &x);
+            last = x;
         }
-        look.measured[place] = true;
-        let screen = self.screen();
-        Compiled::poses(self.scene, &look.q, &mut self.poses);
-        let mut least = f64::from(REACH);
-        for s in look.suspects.iter().filter(|s| place_of(s, screen.groups()) == place) {
-            if f64::from(s.gap[look.lane]) >= least {
+        Ok(())
+    }
+
+    /// Adds the configuration at a time; returns its index.
+    fn push(&mut self, motion: &Trajectory, time: f64) -> usize {
+        self.push_at(time, &motion.moving(time))
+    }
+
+    fn push_at(&mut self, time: f64, x: &Row) -> usize {
+        self.model.map().positions(x, &mut self.q);
+        self.places.q.extend_from_slice(&self.q);
+        self.places.times.push(time);
+        self.places.poses.push(Vec::new());
+        self.checks += 1;
+        self.places.times.len() - 1
+    }
+
+    /// Places the robot in up to eight parts of the motion.
+    fn place(&mut self, motion: &Trajectory, parts: &[[usize; 2]]) -> Result<(), Stuck> {
+        if self.over.is_cancelled() {
+            return Err(Stuck::Over);
+        }
+        let (screen, joints) = (self.screen(), self.travel.len());
+        for lane in 0..LANES {
+            // Lanes without a part repeat the first one.
+            let ends = parts.get(lane).unwrap_or(&parts[0]);
+            let [a, b] = ends.map(|k| &self.places.q[k * joints..(k + 1) * joints]);
+            if lane < parts.len() {
+                let [from, to] = ends.map(|k| self.places.times[k]);
+                let (h, hardest) = (to - from, motion.hardest([from, to]));
+                for (travel, (a, b)) in self.travel.iter_mut().zip(a.iter().zip(b)) {
+                    let apart = (a - b).abs() as f32;
+                    *travel = Travel { apart, gone: apart, off: 0.0 };
+                }
+                for driven in self.model.map().driven() {
+                    let travel = &mut self.travel[driven.joint];
+                    let reach = driven.factor.abs() * hardest[driven.variable] * h * h;
+                    // A joint that reverses moves no further than its acceleration allows.
+                    travel.gone = travel.gone.max((0.5 * reach) as f32);
+                    travel.off = (0.125 * reach) as f32;
+                }
+            }
+            self.motions.set(screen, lane, [a, b], &self.travel);
+        }
+        screen.place_between(&mut self.motions);
+        Ok(())
+    }
+
+    /// Measures the open pairs of the parts exactly, and keeps those that are still not proven.
+    ///
+    /// # Errors
+    /// A pair is too close at an end of a part.
+    fn measure(&mut self, open: &mut Vec<Open>, parts: &[[usize; 2]], halvings: u32) -> Result<(), Stuck> {
+        let mut kept = 0;
+        for k in 0..open.len() {
+            let o = open[k];
+            let Some(lane) = parts.iter().position(|part| *part == [o.from, o.to]) else {
+                // A pair of an earlier chunk.
+                open[kept] = o;
+                kept += 1;
+                continue;
+            };
+            self.pose(o.from);
+            self.pose(o.to);
+            let screen = self.screen();
+            let need = self.needs.of(screen, o.group, o.other);
+            let bend = self.motions.bend(o.group, o.other, lane);
+            let ends = [o.from, o.to].map(|k| self.places.poses[k].as_slice());
+            let known = self.normals.iter().position(|(pair, _)| *pair == (o.group, o.other));
+            let known = known.unwrap_or_else(|| {
+                self.normals.push(((o.group, o.other), Vector3::zeros()));
+                self.normals.len() - 1
+            });
+            if screen.keeps_between(o.group, o.other, ends, need + bend, &mut self.normals[known].1) {
                 continue;
             }
-            let need = self.needs.of(screen, s.group, s.other);
-            let reach = least.min(f64::from(s.gap[look.lane].max(0.0) + CLOSE)) + need;
-            least = least.min(screen.distance(s.group, s.other, &self.poses, reach.max(0.0)) - need);
-        }
-        // The distance is rounded down.
-        look.gaps[place] = (least - 1e-8) as f32;
-    }
-
-    /// Returns a pair whose exactly measured distance at a configuration is too small, if any.
-    fn touching(&mut self, look: &Look) -> Option<Approached> {
-        let screen = self.screen();
-        let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;
-        Compiled::poses(self.scene, &look.q, &mut self.poses);
-        let (mut least, mut found) = (f64::INFINITY, None);
-        for s in look.suspects.iter().filter(|s| place_of(s, screen.groups()) == place) {
-            let need = self.needs.of(screen, s.group, s.other);
-            let distance = screen.distance(s.group, s.other, &self.poses, need.max(0.0) + 1e-6);
-            if distance - need < least {
-                (least, found) = (distance - need, Some((s.group, s.other, distance)));
-            }
-        }
-        let (group, other, distance) = found?;
-        Some(Approached { bodies: self.world.named(self.scene, group, other), distance })
-    }
-
-    /// Returns whether no pair can be too close between two configurations.
-    fn certify(&mut self, motion: &Trajectory, a: &mut Look, b: &mut Look) -> bool {
-        let travel = self.travel(motion, a, b);
-        let groups = self.screen().groups();
-        (0..self.active.len()).all(|k| {
-            let place = self.active[k];
-            if self.covers(a, b, place, groups, &travel) {
-                return true;
-            }
-            // The lower bounds from spheres may be far too low, so close pairs are measured exactly.
-            let mut better = false;
-            for look in [&mut *a, &mut *b] {
-                if !look.measured[place] && look.gaps[place] < CLOSE {
-                    self.measure(look, place);
-                    better = true;
+            for poses in ends.into_iter().filter(|_| halvings >= PATIENCE) {
+                if !screen.keeps(o.group, o.other, poses, need - CONTACT) {
+                    let distance = screen.distance(o.group, o.other, poses, need.max(0.0) + 1e-6);
+                    let bodies = self.world.named(self.scene, o.group, o.other);
+                    return Err(Stuck::Near(Approached { bodies, distance }));
                 }
             }
-            (better && self.covers(a, b, place, groups, &travel)) || self.is_still(a, b, place, &travel.gone)
-        })
+            // Both ends are so close to each other that rounding exceeds the movement between them.
+            if halvings >= PATIENCE && screen.way_between(o.group, o.other, ends) + 2.0 * bend <= 0.5 * TOUCH {
+                continue;
+            }
+            open[kept] = o;
+            kept += 1;
+        }
+        open.truncate(kept);
+        Ok(())
+    }
+
+    /// Computes the poses of the links at a place.
+    fn pose(&mut self, place: usize) {
+        let joints = self.travel.len();
+        if self.places.poses[place].is_empty() {
+            let q = &self.places.q[place * joints..(place + 1) * joints];
+            Compiled::poses(self.scene, q, &mut self.places.poses[place]);
+        }
     }
 }
 
-/// Returns whether a gap is at least a limit; false for NaN.
-fn is_clear(gap: f32, limit: f32) -> bool {
-    gap >= limit
+/// Returns whether a gap is not negative; false for NaN.
+fn is_clear(gap: f32) -> bool {
+    gap >= 0.0
 }

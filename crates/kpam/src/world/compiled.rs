@@ -1,6 +1,6 @@
 //! A scene prepared for fast collision checks.
 
-use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen, Suspect};
+use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen};
 
 use super::movers::is_below;
 use super::rules::{CollisionObjects, Group, holders};
@@ -186,13 +186,5 @@ impl Compiled {
     pub fn poses(scene: &Scene, q: &[f64], out: &mut Vec<Pose>) {
         let posed = scene.robot().link_poses(q, out);
         debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");
-    }
-}
-
-/// Returns the place of a suspect in the order of [`Compiled::movers`].
-pub(crate) fn place_of(s: &Suspect, groups: usize) -> usize {
-    match s.other {
-        Other::Pair(pair) => groups + pair,
-        Other::Element(_) | Other::Cloud(_) => s.group,
     }
 }

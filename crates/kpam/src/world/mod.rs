@@ -33,7 +33,7 @@ use rules::{Carrier, CollisionObjects, Compiler, Group, SegmentWorld};
 pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
-pub(crate) use compiled::{CONTACT, Close, Compiled, place_of};
+pub(crate) use compiled::{CONTACT, Close, Compiled};
 use margins::Distances;
 pub(crate) use margins::Margins;
 pub(crate) use movers::is_below;
