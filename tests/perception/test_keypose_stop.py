@@ -31,11 +31,11 @@ from gensim2.tasks.library import load_task
 from .test_estimation import PANDA, model_of, put
 
 
-def box(openness: float) -> Observation:
-    """Return an observation of a box with the inputs of the packaged policy."""
-    model, spec = model_of("box_rotate"), PolicyCheckpoint.load("builtin").observation
+def box(openness: float, asset_class: str = "box_rotate", sentence: str = "close the box") -> Observation:
+    """Return an observation of an object with the inputs of the packaged policy."""
+    model, spec = model_of(asset_class), PolicyCheckpoint.load("builtin").observation
     states = Cameras(PANDA, model)._states(put(model, openness), np.array(PANDA.reset_qpos), rng(0, "test"))
-    return replace(Observer(PANDA, {"object": model}, spec, 0).observe(states, 0), language="close the box")
+    return replace(Observer(PANDA, {"object": model}, spec, 0).observe(states, 0), language=sentence)
 
 
 def predict(monkeypatch: pytest.MonkeyPatch, done: float) -> None:
@@ -53,12 +53,12 @@ def predict(monkeypatch: pytest.MonkeyPatch, done: float) -> None:
 policy_module_answers = policy_module.answers
 
 
-def begin(monkeypatch: pytest.MonkeyPatch, openness: float) -> PerceivingKeyposeController:
+def begin(monkeypatch: pytest.MonkeyPatch, openness: float, *of: str) -> PerceivingKeyposeController:
     """Return a controller that has finished its first program. The network did not expect "done" at the start."""
     controller = PerceivingKeyposeController("builtin")
     predict(monkeypatch, 0.1)
-    controller.reset(box(openness), 0)
-    assert controller.act(box(openness)) is not None
+    controller.reset(box(openness, *of), 0)
+    assert controller.act(box(openness, *of)) is not None
     controller._rows.clear()
     return controller
 
@@ -117,13 +117,22 @@ def test_an_arm_that_is_held_presses_with_the_limit(monkeypatch: pytest.MonkeyPa
     assert controller._is_pressed
 
 
-@pytest.mark.parametrize("pressed", [True, False])
-def test_a_lid_that_resists_twice_is_at_the_end(monkeypatch: pytest.MonkeyPatch, pressed: bool) -> None:
-    controller = begin(monkeypatch, 0.7)
-    for stops in (False, pressed):
+@pytest.mark.parametrize(
+    ("pressed", "of", "ends"),
+    [
+        (True, ("drawer", "push the drawer closed"), True),
+        (False, ("drawer", "push the drawer closed"), False),
+        (True, ("box_rotate", "close the box"), False),  # the cloud shows that the lid is open
+    ],
+)
+def test_a_sliding_part_that_resists_twice_is_at_the_end(
+    monkeypatch: pytest.MonkeyPatch, pressed: bool, of: tuple[str, str], ends: bool
+) -> None:
+    controller = begin(monkeypatch, 0.8, *of)
+    for stops in (False, ends):
         controller._rows.clear()
         controller._is_pressed = pressed
-        assert (controller.act(box(0.4)) is None) == stops
+        assert (controller.act(box(0.5, *of)) is None) == stops
         assert not controller._is_pressed
 
 

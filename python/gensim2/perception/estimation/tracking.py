@@ -341,9 +341,11 @@ class Track:
                 # The hand may also have missed the moving part.
                 most = min(most, NEAR_END)
             # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole, such
-            # as a lifted bucket, because its cloud does not show the joint range. A second resistance is also enough.
+            # as a lifted bucket, because its cloud does not show the joint range. A second resistance is also enough
+            # for a sliding part; the openness of a hinge is well visible.
             signs = sum((bool(is_pressed), self.misses > 0, bool(found.moving.all())))
-            is_certain = has_ended and (signs >= 2 or bool(is_pressed and self.was_pressed))
+            again = bool(is_pressed and self.was_pressed and kind == "prismatic")
+            is_certain = has_ended and (signs >= 2 or again)
             if is_certain or abs(shown - end) <= most:
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
