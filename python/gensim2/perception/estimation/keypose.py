@@ -44,7 +44,7 @@ class PerceivingKeyposeController(KeyposeController):
     - The network is sure that the task is done, and the estimate does not contradict.
 
     During a program the arm presses with a limited force (:mod:`~gensim2.robots.force`), and the tracker learns whether
-    the object has blocked the arm. If the joint stood still, the controller tries the other strategies before it
+    a sliding part has blocked the arm. If the joint stood still, the controller tries the other strategies before it
     repeats the strategy.
 
     If the task has several objects, a rigid object, or an object of a class that the estimator does not know, only the
@@ -100,7 +100,10 @@ class PerceivingKeyposeController(KeyposeController):
             return self._is_done(done)
         if not is_first:
             tracker.begin_motion()
-        tracker.take_in(points.astype(np.float32), dict.fromkeys(tracker.articulated, self._is_pressed))
+        # A hinge also resists on its way, and the clouds show its openness.
+        tracks = {name: each.track for name, each in tracker.articulated.items() if each.track is not None}
+        slides = [name for name, track in tracks.items() if track.found.joint.type == "prismatic"]
+        tracker.take_in(points.astype(np.float32), dict.fromkeys(slides, self._is_pressed))
         self._is_pressed = False
         if not tracker.is_seen:
             return self._is_done(done)
