@@ -15,7 +15,7 @@ from gensim2.policy.control import Sees
 from gensim2.policy.keypose.controller import MAX_TRIES, KeyposeController
 from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.training import read_goals
-from gensim2.robots.force import FORCE_LIMIT, PRESSING, Yielding
+from gensim2.robots.force import FORCE_LIMIT, Yielding
 from gensim2.tasks.criteria import JOINT
 
 Array = npt.NDArray[np.float64]
@@ -43,9 +43,8 @@ class PerceivingKeyposeController(KeyposeController):
     - The estimate shows that the joint is at its goal, and the network considers it likely that the task is done.
     - The network is sure that the task is done, and the estimate does not contradict.
 
-    During a program the arm presses with a limited force (:mod:`~gensim2.robots.force`), and the tracker learns whether
-    a sliding part has blocked the arm. If the joint stood still, the controller tries the other strategies before it
-    repeats the strategy.
+    From the force of the arm's drives, the controller tells the tracker whether a sliding part has blocked the arm. If
+    the joint stood still during a program, the controller tries the other strategies before it repeats the strategy.
 
     If the task has several objects, a rigid object, or an object of a class that the estimator does not know, only the
     network decides.
@@ -73,7 +72,7 @@ class PerceivingKeyposeController(KeyposeController):
         self._estimator = SceneEstimator.load(estimator, self._profile)
         self._goals = read_goals(self._folder)
         self._tracker: GoalTracker | None = None
-        self._yielding = Yielding(self._profile, PRESSING)
+        self._yielding = Yielding(self._profile, FORCE_LIMIT)
 
     def reset(self, observation: Observation, seed: int) -> None:
         super().reset(observation, seed)
@@ -86,10 +85,10 @@ class PerceivingKeyposeController(KeyposeController):
         if action is None or self._ran not in self._touching:
             return action
         q, qvel = (each.astype(np.float64) for each in (observation.joint_positions, observation.joint_velocities))
-        targets, _ = self._yielding.targets(q, qvel, action[:-1].astype(np.float64), is_free=False)
-        presses = self._yielding.force(q, targets) > FORCE_LIMIT
-        self._is_pressed |= presses and self._yielding.is_blocked(q, qvel, targets)
-        return np.append(targets, action[-1]).astype(np.float32)
+        asked = action[:-1].astype(np.float64)
+        presses = self._yielding.force(q, asked) > FORCE_LIMIT
+        self._is_pressed |= presses and self._yielding.is_blocked(q, qvel, asked)
+        return action
 
     def _judged(self, points: Array, q: Array, done: float) -> bool:
         is_first = self.told["looks"] == 1
