@@ -151,7 +151,7 @@ proptest! {
                         } else {
                             (elements..elements + shapes.len()).map(Other::Element).collect()
                         };
-                        let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep));
+                        let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep, &mut Vector3::zeros()));
                         prop_assert!(kept == (wanted >= keep) || (wanted - keep).abs() < 1e-6, "{body} {wanted} {keep}");
                         let far = others.iter().map(|o| screen.distance(group, *o, &poses, keep));
                         let far = far.fold(f64::INFINITY, f64::min);
@@ -166,7 +166,7 @@ proptest! {
             let wanted = least(robot.links()[1].shapes(), &poses[1], &two);
             prop_assert!(said[1][bodies.len()][lane] <= wanted.max(0.0) - 0.02 + 1e-9);
             prop_assert!(most[1][bodies.len()][lane] >= 0.0 || wanted < 0.02);
-            prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01) == (wanted >= 0.01));
+            prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01, &mut Vector3::zeros()) == (wanted >= 0.01));
         }
     }
 }
@@ -230,7 +230,7 @@ proptest! {
                 prop_assert!(most[group][lane] >= 0.0 || wanted < 0.01, "{group} {wanted}");
                 prop_assert!(wanted < 0.0 || most[group][lane] >= wanted - 0.01 - 1e-9, "{wanted}");
                 for keep in [0.0, 0.01, 0.05] {
-                    let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep));
+                    let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep, &mut Vector3::zeros()));
                     prop_assert!(kept == (wanted >= keep) || (wanted - keep).abs() < 1e-6, "{wanted} {keep}");
                     let far = others.iter().map(|o| screen.distance(group, *o, &poses, keep)).fold(keep, f64::min);
                     prop_assert!(wanted < 1e-6 || (far - wanted.min(keep)).abs() < 1e-6, "{far} {wanted}");

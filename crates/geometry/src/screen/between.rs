@@ -2,6 +2,8 @@
 //! to the straight line between its two positions, so a sphere of a link stays inside a larger sphere around the middle
 //! of that line.
 
+use std::ops::Range;
+
 use crate::lanes::{F32x8, Wide, wide};
 
 use super::posing::Frames;
@@ -90,9 +92,58 @@ pub(super) struct Between {
     /// The same for each pair, relative to the first group.
     pair_bends: Vec<F32x8>,
     /// Distance (m) that must be added to the radius of each group's surrounding sphere, and of each sphere.
-    pub around: Vec<F32x8>,
-    pub swells: Vec<F32x8>,
+    around: Vec<F32x8>,
+    swells: Vec<F32x8>,
     levers: Vec<F32x8>,
+}
+
+/// Either eight configurations or eight motions, for code that screens both.
+pub(super) trait Swept {
+    /// Whether these are motions.
+    const MOVES: bool;
+    /// Returns the radius (m) of the sphere around a group, or around its movement.
+    fn radius(&self, screen: &Screen, group: usize) -> F32x8;
+    /// Computes the movements of a group's spheres.
+    fn swell(&mut self, screen: &Screen, group: usize);
+    /// Returns the distances (m) to add to the radii of some spheres; empty for configurations.
+    fn swells(&self, balls: &Range<usize>) -> &[F32x8];
+}
+
+/// Eight configurations.
+pub(super) struct Still;
+
+impl Swept for Still {
+    const MOVES: bool = false;
+    #[inline(always)]
+    fn radius(&self, screen: &Screen, group: usize) -> F32x8 {
+        F32x8::splat(screen.groups[group].around.radius)
+    }
+    #[inline(always)]
+    fn swell(&mut self, _: &Screen, _: usize) {}
+    #[inline(always)]
+    fn swells(&self, _: &Range<usize>) -> &[F32x8] {
+        &[]
+    }
+}
+
+impl Swept for Between {
+    const MOVES: bool = true;
+    #[inline(always)]
+    fn radius(&self, screen: &Screen, group: usize) -> F32x8 {
+        F32x8::splat(screen.groups[group].around.radius) + self.around[group]
+    }
+    #[inline(always)]
+    fn swell(&mut self, screen: &Screen, group: usize) {
+        let cluster = &screen.groups[group];
+        let (half, bend) = (self.halves[cluster.link], self.bends[group] + F32x8::splat(ROUNDING));
+        for b in cluster.balls.clone() {
+            self.swells[b] = length(&half.point(&screen.balls[b].center)) + bend;
+        }
+    }
+    #[inline(always)]
+    fn swells(&self, balls: &Range<usize>) -> &[F32x8] {
+        &self.swells[balls.clone()]
+    }
 }
 
 impl Motions {
@@ -226,16 +277,6 @@ impl Screen {
         turned.below(F32x8::splat(MOST_TURN), bend, F32x8::splat(UNBOUNDED))
     }
 
-    /// Computes the spheres around the movements of a group's spheres.
-    #[inline(always)]
-    pub(super) fn swell(&self, group: usize, between: &mut Between) {
-        let cluster = &self.groups[group];
-        let (half, bend) = (between.halves[cluster.link], between.bends[group] + F32x8::splat(ROUNDING));
-        for b in cluster.balls.clone() {
-            between.swells[b] = length(&half.point(&self.balls[b].center)) + bend;
-        }
-    }
-
     /// Calls `visit` for each pair that may come closer than the required distance during some motion. `visit` returns
     /// whether to continue. The suspect's gaps are lower bounds for the whole motion.
     pub fn survey_between(
@@ -256,7 +297,7 @@ impl Screen {
             fn run(self) -> bool {
                 let Self { screen, motions, needs, visit } = self;
                 let Motions { first, between, chains, travel, .. } = motions;
-                screen.surveyed::<true>(first, between, needs, 0.0, visit)
+                screen.surveyed(first, between, needs, 0.0, visit)
                     && (0..screen.pairs.len()).all(|pair| {
                         let need = needs.pairs[pair];
                         screen.against_group_between(pair, need, first, between, (chains, travel), visit)
@@ -289,8 +330,8 @@ impl Screen {
                 let Self { screen, motions, of: (group, other), need, visit } = self;
                 let Motions { first, between, chains, travel, .. } = motions;
                 match other {
-                    Other::Element(e) => screen.against_solid::<true>((group, e), need, first, between, 0.0, visit),
-                    Other::Cloud(c) => screen.against_cloud::<true>((group, c), need, first, between, 0.0, visit),
+                    Other::Element(e) => screen.against_solid((group, e), need, first, between, 0.0, visit),
+                    Other::Cloud(c) => screen.against_cloud((group, c), need, first, between, 0.0, visit),
                     Other::Pair(pair) => {
                         screen.against_group_between(pair, need, first, between, (chains, travel), visit)
                     }

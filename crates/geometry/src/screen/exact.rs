@@ -29,10 +29,18 @@ impl Piece {
         Self { solid: Obstacle::new(shape.clone()), corners, bounds, shape }
     }
 
-    /// Writes the vertices of the part at two poses of its link.
-    fn at_both(&self, [from, to]: [&Pose; 2], out: &mut Corners) {
-        out.place(self.shape.points(), from);
-        out.add(self.shape.points(), to);
+    /// Returns a box around the part at two poses of its link.
+    fn bounds_at_both(&self, ends: [&Pose; 2]) -> Aabb {
+        let [first, last] = ends.map(|pose| self.shape.aabb_at(pose));
+        first.union(&last)
+    }
+
+    /// Returns the vertices of the part at its own pose and at another one, in its own frame.
+    fn and_at<'c>(&'c self, other: Option<&Pose>, out: &'c mut Corners) -> &'c Corners {
+        let Some(pose) = other else { return &self.corners };
+        out.place(self.shape.points(), &Pose::identity());
+        out.add(self.shape.points(), pose);
+        out
     }
 
     /// Returns whether a plane with the unit normal `toward` separates the vertices at both poses from another hull, by
@@ -109,12 +117,6 @@ impl Measure {
         })
     }
 
-    pub(super) fn keeps_from(&self, group: usize, e: usize, poses: &[Pose], apart: f64) -> bool {
-        self.near_element(group, e, poses, apart, |a, b, mut toward| {
-            keeps_apart(a, b, &mut toward, apart) == Reach::Beyond
-        })
-    }
-
     /// Returns whether a group keeps a distance from an element while its points move straight between two poses of the
     /// links. A plane between the element and both positions of a piece proves it. `toward` is a guess of the plane's
     /// normal in the base frame, from the group to the element, and is replaced by the normal found.
@@ -128,21 +130,30 @@ impl Measure {
     ) -> bool {
         let ((link, pieces), element) = (&self.groups[group], &self.elements[e]);
         let ends = ends.map(|poses| &poses[*link]);
+        let (back, mut here) = (ends[0].inverse(), None);
+        let way = (!std::ptr::eq(ends[0], ends[1])).then(|| back * ends[1]);
         let mut both = Corners::default();
         pieces.iter().all(|piece| {
-            let [bounds, other] = ends.map(|pose| piece.shape.aabb_at(pose));
-            if bounds.union(&other).distance_squared(&element.bounds) > apart.max(0.0).powi(2) {
+            let bounds = piece.bounds_at_both(ends);
+            if bounds.distance_squared(&element.bounds) > apart.max(0.0).powi(2) {
                 return true;
             }
             let limit = apart + piece.shape.radius() + element.radius;
             if piece.is_behind(ends, &element.corners, toward, limit) {
                 return true;
             }
-            piece.at_both(ends, &mut both);
-            *toward =
-                element.center - nalgebra::center(&(ends[0] * piece.shape.center()), &(ends[1] * piece.shape.center()));
-            let shapes = ((&both, piece.shape.radius()), (&element.corners, element.radius));
-            keeps_apart(shapes.0, shapes.1, toward, apart) == Reach::Beyond
+            // The element usually has fewer vertices than the piece, so it is moved to the frame of the piece.
+            let here = here.get_or_insert_with(|| {
+                let mut out = Corners::default();
+                out.place(&element.points, &back);
+                out
+            });
+            let own = piece.and_at(way.as_ref(), &mut both);
+            let mut normal = back * (element.center - nalgebra::center(&bounds.min, &bounds.max));
+            let shapes = ((own, piece.shape.radius()), (&*here, element.radius));
+            let found = keeps_apart(shapes.0, shapes.1, &mut normal, apart);
+            *toward = ends[0].rotation * normal;
+            found == Reach::Beyond
         })
     }
 
@@ -159,9 +170,9 @@ impl Measure {
         let ends = ends.map(|poses| poses[*one].inverse() * poses[*two]);
         let ends = [&ends[0], &ends[1]];
         let mut both = Corners::default();
+        let is_same = ends[0] == ends[1];
         theirs.iter().all(|other| {
-            let [bounds, last] = ends.map(|pose| other.shape.aabb_at(pose));
-            let bounds = bounds.union(&last);
+            let bounds = other.bounds_at_both(ends);
             let center = other.shape.center();
             let middle = nalgebra::center(&(ends[0] * center), &(ends[1] * center));
             let mut ready = false;
@@ -174,7 +185,10 @@ impl Measure {
                     return true;
                 }
                 if !ready {
-                    other.at_both(ends, &mut both);
+                    both.place(other.shape.points(), ends[0]);
+                    if !is_same {
+                        both.add(other.shape.points(), ends[1]);
+                    }
                     ready = true;
                 }
                 *toward = middle - piece.shape.center();
@@ -195,21 +209,22 @@ impl Measure {
         let (link, pieces) = &self.groups[group];
         let [from, to] = ends.map(|poses| &poses[*link]);
         let back = from.inverse();
-        let way = back * to;
-        let within = apart.max(0.0) + cloud.radius + cloud.extent + furthest(pieces, &Pose::identity(), &way);
+        let way = (!std::ptr::eq(from, to)).then(|| back * to);
+        let moved = way.as_ref().map_or(0.0, |way| furthest(pieces, &Pose::identity(), way));
+        let within = apart.max(0.0) + cloud.radius + cloud.extent + moved;
         let (mut one, mut both, mut near) = (Corners::default(), Corners::default(), Vec::new());
         let mut core: Vec<nalgebra::Point3<f64>> = cloud.core.iter().map(|v| nalgebra::Point3::from(*v)).collect();
         pieces.iter().all(|piece| {
             wide(Gather { piece, cloud, pose: from, back: &back, within, near: &mut near });
-            if !near.is_empty() {
-                piece.at_both([&Pose::identity(), &way], &mut both);
-            }
+            // The likely closest points are measured first.
+            near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            let own = if near.is_empty() { &piece.corners } else { piece.and_at(way.as_ref(), &mut both) };
             near.iter().all(|(_, index)| {
                 let center = cloud.center(*index);
                 core.iter_mut().zip(&cloud.core).for_each(|(p, offset)| *p = center + offset);
                 one.place(&core, &back);
                 let mut toward = one.middle() - piece.shape.center();
-                let shapes = ((&both, piece.shape.radius()), (&one, cloud.radius));
+                let shapes = ((own, piece.shape.radius()), (&one, cloud.radius));
                 keeps_apart(shapes.0, shapes.1, &mut toward, apart) == Reach::Beyond
             })
         })
@@ -267,10 +282,6 @@ impl Measure {
                 visit((&piece.corners, piece.shape.radius()), (&moved, other.shape.radius()), toward)
             })
         })
-    }
-
-    pub(super) fn pair_keeps(&self, pair: (usize, usize), poses: &[Pose], apart: f64) -> bool {
-        self.near_group(pair, poses, apart, |a, b, mut toward| keeps_apart(a, b, &mut toward, apart) == Reach::Beyond)
     }
 
     /// Returns the closest points of two groups in the frame of the first group's link, if their distance is at most
@@ -342,18 +353,6 @@ impl Measure {
             }
         }
         least
-    }
-
-    pub(super) fn keeps_from_cloud(&self, group: usize, cloud: &PointGrid, poses: &[Pose], apart: f64) -> bool {
-        let found = self.to_cloud(group, cloud, poses, apart, |piece, point, _| {
-            let mut toward = point.middle() - piece.shape.center();
-            let shapes = ((&piece.corners, piece.shape.radius()), (point, cloud.radius));
-            match keeps_apart(shapes.0, shapes.1, &mut toward, apart) {
-                Reach::Beyond => apart,
-                _ => f64::NEG_INFINITY,
-            }
-        });
-        found > f64::NEG_INFINITY
     }
 
     /// Returns the closest points of a group and a point cloud in the frame of the group's link, if their distance is

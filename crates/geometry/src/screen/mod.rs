@@ -17,7 +17,7 @@ use std::sync::Arc;
 use crate::lanes::F32x8;
 use nalgebra::{Point3, Vector3};
 
-use crate::{Bvh, Contact, Convex, JointKind, Pose, Robot};
+use crate::{Aabb, Bvh, Contact, Convex, JointKind, Pose, Robot};
 pub use between::{Chains, Motions, Travel};
 use cover::{Ball, MAX_BALLS, cover_by};
 pub use exact::Measure;
@@ -34,7 +34,7 @@ use survey::all_at_least;
 /// Number of configurations screened at once.
 pub const LANES: usize = crate::lanes::WIDTH;
 /// Minimum number of obstacles for which a tree is used to find those near the robot.
-const TREE: usize = 20;
+const TREE: usize = 160;
 /// If a group stays further than this (m) from an obstacle at all joint values, the obstacle is skipped for this group,
 /// unless a larger distance is required.
 const CULL: f64 = 0.2;
@@ -60,6 +60,26 @@ impl Sphere {
         let c = ball.center;
         let inner = (ball.inner - slack).max(-1e9) as f32;
         Self { center: [c.x as f32, c.y as f32, c.z as f32], radius: (ball.radius + slack) as f32, inner }
+    }
+}
+
+/// Obstacles that a group can approach, and their boxes (minimum and maximum), eight at a time.
+#[derive(Debug, Clone)]
+struct Reachable {
+    indices: Vec<u32>,
+    boxes: Vec<[Points; 2]>,
+}
+
+impl Reachable {
+    fn of(indices: Vec<u32>, all: &[Aabb]) -> Self {
+        let block = |own: &[u32]| {
+            let end = |of: &dyn Fn(&Aabb) -> f64| {
+                F32x8::new(std::array::from_fn(|lane| own.get(lane).map_or(0.0, |e| of(&all[*e as usize]) as f32)))
+            };
+            [[0, 1, 2].map(|k| end(&|b| b.min[k])), [0, 1, 2].map(|k| end(&|b| b.max[k]))]
+        };
+        let boxes = indices.chunks(LANES).map(block).collect();
+        Self { indices, boxes }
     }
 }
 
@@ -126,7 +146,7 @@ pub struct Screen {
     tree: Option<Bvh>,
     /// For each group, the obstacles that it can approach to [`CULL`] or less while no prismatic joint exceeds its
     /// travel.
-    reachable: Vec<Vec<u32>>,
+    reachable: Vec<Reachable>,
     /// Prismatic joints, each with the maximum absolute value (m) for which `reachable` holds.
     travels: Vec<(usize, f32)>,
     clouds: Vec<PointGrid>,
@@ -272,13 +292,14 @@ impl Screen {
         }
         // Joint values are compared with `travels` in single precision, so the regions allow for rounding.
         let regions = Region::of_links(robot, |j| travel(j) * (1.0 + ROUNDING) + SLACK);
-        let near = |cluster: &Cluster| {
+        let near = |cluster: &Cluster| -> Reachable {
             let region = regions[cluster.link].at(&Vector3::from(cluster.around.center.map(f64::from)));
             let (center, radius) = region.ball();
             let place = [center.x, center.y, center.z].map(|v| F32x8::splat(v as f32));
             let far = (radius + f64::from(cluster.around.radius) + CULL + slack) as f32;
             let is_near = |solid: &Obstacle| !all_at_least(solid.first.distance(&place), F32x8::splat(far));
-            (0..).zip(&out.solids).filter(|(_, solid)| is_near(solid)).map(|(e, _)| e).collect()
+            let near = (0..).zip(&out.solids).filter(|(_, solid)| is_near(solid)).map(|(e, _)| e);
+            Reachable::of(near.collect(), &boxes)
         };
         out.reachable = out.groups.iter().map(near).collect();
         out.tree = (out.solids.len() >= TREE).then(|| Bvh::new(&boxes));
@@ -341,12 +362,9 @@ impl Screen {
     }
 
     /// Returns whether a group keeps at least `apart` (m) from another body at the given link poses, measured exactly.
-    pub fn keeps(&self, group: usize, other: Other, poses: &[Pose], apart: f64) -> bool {
-        match other {
-            Other::Element(e) => self.measure.keeps_from(group, e, poses, apart),
-            Other::Cloud(c) => self.measure.keeps_from_cloud(group, &self.clouds[c], poses, apart),
-            Other::Pair(pair) => self.measure.pair_keeps(self.pairs[pair], poses, apart),
-        }
+    /// `toward` is as in [`Screen::keeps_between`].
+    pub fn keeps(&self, group: usize, other: Other, poses: &[Pose], apart: f64, toward: &mut Vector3<f64>) -> bool {
+        self.keeps_between(group, other, [poses; 2], apart, toward)
     }
 
     /// Returns whether a group keeps at least `apart` (m) from another body while its points move along straight lines

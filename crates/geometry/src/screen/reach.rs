@@ -83,7 +83,7 @@ impl Region {
 mod tests {
     use nalgebra::Rotation3;
 
-    use super::super::{Batch, CULL, LANES, Needs, Other, Riders, Screen};
+    use super::super::{Batch, CULL, LANES, Needs, Other, Reachable, Riders, Screen};
     use super::*;
     use crate::{Convex, Cover, Joint, JointBuilder, JointKind, Link, Pose};
 
@@ -154,7 +154,7 @@ mod tests {
         let robot = arm();
         let bodies = cubes();
         let screen = screen_of(&robot, &bodies);
-        let beyond = |own: &Vec<u32>| (0..125).filter(|e| !own.contains(e)).collect();
+        let beyond = |own: &Reachable| (0..125).filter(|e| !own.indices.contains(e)).collect();
         let culled: Vec<Vec<u32>> = screen.reachable.iter().map(beyond).collect();
         // Links closer to the base reach fewer obstacles.
         let counts: Vec<usize> = culled[1..].iter().map(Vec::len).collect();
@@ -165,7 +165,10 @@ mod tests {
             for (group, obstacles) in culled.iter().enumerate().skip(1) {
                 for e in obstacles {
                     let other = Other::Element(*e as usize);
-                    assert!(screen.keeps(group, other, &poses, CULL), "group {group}, obstacle {e}");
+                    assert!(
+                        screen.keeps(group, other, &poses, CULL, &mut Vector3::zeros()),
+                        "group {group}, obstacle {e}"
+                    );
                 }
             }
         }
@@ -181,7 +184,7 @@ mod tests {
         robot.link_poses(&q, &mut poses).unwrap();
         let cube = Convex::cuboid([0.05; 3], &Pose::identity()).unwrap();
         let screen = screen_of(&robot, &[(vec![cube], poses[4])]);
-        assert!(screen.reachable.iter().all(Vec::is_empty));
+        assert!(screen.reachable.iter().all(|own| own.indices.is_empty()));
         let mut batch = Batch::default();
         (0..LANES).for_each(|lane| batch.set(&screen, lane, &q));
         screen.place(&mut batch);

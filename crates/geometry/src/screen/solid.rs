@@ -6,6 +6,7 @@ use crate::lanes::F32x8;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::Sphere;
+use super::between::Swept;
 use crate::{Aabb, Convex, Pose};
 
 /// Maximum number of faces by which a hull is represented.
@@ -88,15 +89,15 @@ impl Solid {
     }
 
     /// Lower bounds of the distance (m) between the obstacle and the nearest of `balls`, which are at `centers` in
-    /// eight configurations; then the same for their inner spheres. With `SWEPT`, the radii are larger by `swells`, and
-    /// the inner spheres are left out.
+    /// eight configurations; then the same for their inner spheres. For motions, the radii are larger by
+    /// `swells`, and the inner spheres are left out.
     #[inline(always)]
-    pub fn least<const SWEPT: bool>(&self, centers: &[Points], balls: &[Sphere], swells: &[F32x8]) -> [F32x8; 2] {
+    pub fn least<S: Swept>(&self, centers: &[Points], balls: &[Sphere], swells: &[F32x8]) -> [F32x8; 2] {
         let mut least = [F32x8::splat(f32::MAX); 2];
         // The loop is inside each match arm, so that the type of solid is tested only once.
         macro_rules! over {
             ($distance:ident($($part:expr),*)) => {
-                if SWEPT {
+                if S::MOVES {
                     for ((center, ball), swell) in centers.iter().zip(balls).zip(swells) {
                         let d = $distance(center, $($part),*);
                         least[0] = least[0].min(d - F32x8::splat(ball.radius) - *swell);

@@ -3,7 +3,7 @@
 use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
 
-use super::between::Between;
+use super::between::{Still, Swept};
 use super::points::PointGrid;
 use super::solid::{Points, length};
 use super::{Batch, CULL, LANES, Needs, Other, Screen, Sphere, Suspect, TREE};
@@ -46,18 +46,16 @@ impl Screen {
         batch.ready.resize(self.groups.len(), false);
     }
 
-    /// Computes the spheres of a group. With `SWEPT`, the batch holds the middles of motions.
+    /// Computes the spheres of a group. For motions, the batch holds their middles.
     #[inline(always)]
-    fn ensure<const SWEPT: bool>(&self, group: usize, batch: &mut Batch, between: &mut Between) {
+    fn ensure<S: Swept>(&self, group: usize, batch: &mut Batch, swept: &mut S) {
         if !batch.ready[group] {
             let cluster = &self.groups[group];
             let frame = batch.frames[cluster.link];
             for b in cluster.balls.clone() {
                 batch.centers[b] = frame.point(&self.balls[b].center);
             }
-            if SWEPT {
-                self.swell(group, between);
-            }
+            swept.swell(self, group);
             batch.ready[group] = true;
         }
     }
@@ -94,7 +92,7 @@ impl Screen {
             #[inline(always)]
             fn run(self) -> bool {
                 let Self { screen, batch, needs, reach, visit } = self;
-                screen.surveyed::<false>(batch, &mut Between::default(), needs, reach, visit)
+                screen.surveyed(batch, &mut Still, needs, reach, visit)
                     && screen.surveyed_pairs(batch, needs, reach, visit)
             }
         }
@@ -103,10 +101,10 @@ impl Screen {
 
     /// Examines all groups and bodies.
     #[inline(always)]
-    pub(super) fn surveyed<const SWEPT: bool>(
+    pub(super) fn surveyed<S: Swept>(
         &self,
         batch: &mut Batch,
-        between: &mut Between,
+        swept: &mut S,
         needs: &Needs,
         reach: f32,
         visit: &mut dyn FnMut(&Suspect) -> bool,
@@ -121,27 +119,14 @@ impl Screen {
             if furthest == f64::NEG_INFINITY {
                 continue;
             }
-            let farthest = furthest + f64::from(reach);
-            let own = (batch.within_travel && farthest <= CULL).then_some(self.reachable[group].as_slice());
-            let tree = self.tree.as_ref().filter(|_| own.is_none_or(|own| own.len() >= TREE));
             let mut near = std::mem::take(&mut batch.near);
-            if let Some(tree) = tree {
-                let bounds = region(&batch.around[group], self.radius::<SWEPT>(group, between));
-                near.clear();
-                tree.near(&bounds, farthest.max(0.0), |e| near.push(e as u32));
-            }
-            let count = if tree.is_some() { near.len() } else { own.map_or(self.solids.len(), <[u32]>::len) };
+            self.gather(group, batch, swept.radius(self, group), furthest + f64::from(reach), &mut near);
             let mut whole = true;
-            for k in 0..count {
-                let e = match (tree, own) {
-                    (Some(_), _) => near[k] as usize,
-                    (None, Some(own)) => own[k] as usize,
-                    (None, None) => k,
-                };
+            for e in near.iter().map(|e| *e as usize) {
                 if batch.examined[group * self.solids.len() + e] == batch.placements {
                     continue;
                 }
-                whole = self.against_solid::<SWEPT>((group, e), row[self.body_of[e]], batch, between, reach, visit);
+                whole = self.against_solid((group, e), row[self.body_of[e]], batch, swept, reach, visit);
                 if !whole {
                     break;
                 }
@@ -152,7 +137,7 @@ impl Screen {
             }
             for (c, cloud) in self.clouds.iter().enumerate() {
                 if cloud.from_base > 0.0 {
-                    let extent = length(&batch.around[group]) + self.radius::<SWEPT>(group, between);
+                    let extent = length(&batch.around[group]) + swept.radius(self, group);
                     let limit = F32x8::splat(furthest as f32 + reach);
                     if all_at_least(F32x8::splat(cloud.from_base) - extent, limit) {
                         continue;
@@ -161,12 +146,47 @@ impl Screen {
                 if batch.examined[self.place_of(group, Other::Cloud(c))] == batch.placements {
                     continue;
                 }
-                if !self.against_cloud::<SWEPT>((group, c), row[cloud.body], batch, between, reach, visit) {
+                if !self.against_cloud((group, c), row[cloud.body], batch, swept, reach, visit) {
                     return false;
                 }
             }
         }
         true
+    }
+
+    /// Writes the obstacles whose boxes come closer than `farthest` (m) to a group in some lane.
+    #[inline(always)]
+    fn gather(&self, group: usize, batch: &Batch, radius: F32x8, farthest: f64, near: &mut Vec<u32>) {
+        near.clear();
+        let center = &batch.around[group];
+        // A NaN must not count as far away.
+        if !all_at_least(center[0].abs() + center[1].abs() + center[2].abs() + radius, F32x8::ZERO) {
+            near.extend(0..self.solids.len() as u32);
+            return;
+        }
+        let [low, high] = region(center, radius);
+        let reachable = &self.reachable[group];
+        let is_near = batch.within_travel && farthest <= CULL;
+        if let (true, Some(tree)) = (!is_near || reachable.indices.len() >= TREE, &self.tree) {
+            let bounds = Aabb { min: Point3::from(low.map(f64::from)), max: Point3::from(high.map(f64::from)) };
+            tree.near(&bounds, farthest.max(0.0), |e| near.push(e as u32));
+            return;
+        }
+        if !is_near {
+            near.extend(0..self.solids.len() as u32);
+            return;
+        }
+        let limit = farthest as f32 + self.slack;
+        for (block, indices) in reachable.boxes.iter().zip(reachable.indices.chunks(LANES)) {
+            let mut apart = F32x8::splat(f32::MIN);
+            for k in 0..3 {
+                apart = apart.max(block[0][k] - F32x8::splat(high[k])).max(F32x8::splat(low[k]) - block[1][k]);
+            }
+            if !all_at_least(apart, F32x8::splat(limit)) {
+                let apart = apart.to_array();
+                near.extend((0..indices.len()).filter(|k| apart[*k] < limit).map(|k| indices[k]));
+            }
+        }
     }
 
     /// Examines all pairs of groups.
@@ -200,20 +220,13 @@ impl Screen {
         }
     }
 
-    /// Radius (m) of the sphere around a group, or around its movement.
     #[inline(always)]
-    fn radius<const SWEPT: bool>(&self, group: usize, between: &Between) -> F32x8 {
-        let radius = F32x8::splat(self.groups[group].around.radius);
-        if SWEPT { radius + between.around[group] } else { radius }
-    }
-
-    #[inline(always)]
-    pub(super) fn against_solid<const SWEPT: bool>(
+    pub(super) fn against_solid<S: Swept>(
         &self,
         (group, e): (usize, usize),
         need: f64,
         batch: &mut Batch,
-        between: &mut Between,
+        swept: &mut S,
         reach: f32,
         visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
@@ -222,7 +235,7 @@ impl Screen {
         }
         let (obstacle, cluster, need) = (&self.solids[e], &self.groups[group], need as f32);
         let limit = F32x8::splat(reach + need);
-        let radius = self.radius::<SWEPT>(group, between);
+        let radius = swept.radius(self, group);
         let (mut solid, mut coarse) = (&obstacle.first, obstacle.first.distance(&batch.around[group]) - radius);
         if all_at_least(coarse, limit) {
             return true;
@@ -233,10 +246,10 @@ impl Screen {
                 return true;
             }
         }
-        self.ensure::<SWEPT>(group, batch, between);
+        self.ensure(group, batch, swept);
         let own = cluster.balls.clone();
-        let swells = if SWEPT { &between.swells[own.clone()] } else { &[] };
-        let [least, inner] = solid.least::<SWEPT>(&batch.centers[own.clone()], &self.balls[own], swells);
+        let swells = swept.swells(&own);
+        let [least, inner] = solid.least::<S>(&batch.centers[own.clone()], &self.balls[own], swells);
         // Both values are lower bounds, so the larger one is valid and tighter.
         let bound = least.max(coarse);
         if all_at_least(bound, limit) {
@@ -247,12 +260,12 @@ impl Screen {
     }
 
     #[inline(always)]
-    pub(super) fn against_cloud<const SWEPT: bool>(
+    pub(super) fn against_cloud<S: Swept>(
         &self,
         (group, c): (usize, usize),
         need: f64,
         batch: &mut Batch,
-        between: &mut Between,
+        swept: &mut S,
         reach: f32,
         visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
@@ -261,19 +274,19 @@ impl Screen {
         }
         let (cloud, cluster, need) = (&self.clouds[c], &self.groups[group], need as f32);
         let limit = F32x8::splat(reach + need);
-        let coarse = cloud.bounds(&batch.around[group]) - self.radius::<SWEPT>(group, between);
+        let coarse = cloud.bounds(&batch.around[group]) - swept.radius(self, group);
         if all_at_least(coarse, limit) {
             return true;
         }
-        self.ensure::<SWEPT>(group, batch, between);
+        self.ensure(group, batch, swept);
         let own = cluster.balls.clone();
-        let swells = if SWEPT { &between.swells[own.clone()] } else { &[][..] };
+        let swells = swept.swells(&own);
         let mut bounds = std::mem::take(&mut batch.bounds);
         bounds.clear();
         let mut bound = F32x8::splat(f32::MAX);
         for (k, (center, ball)) in batch.centers[own.clone()].iter().zip(&self.balls[own.clone()]).enumerate() {
             let mut d = cloud.bounds(center) - F32x8::splat(ball.radius);
-            if SWEPT {
+            if S::MOVES {
                 d = d - swells[k];
             }
             let d = d.max(coarse);
@@ -319,9 +332,8 @@ impl Screen {
         if all_at_least(coarse, limit) {
             return true;
         }
-        let between = &mut Between::default();
-        self.ensure::<false>(a, batch, between);
-        self.ensure::<false>(b, batch, between);
+        self.ensure(a, batch, &mut Still);
+        self.ensure(b, batch, &mut Still);
         // Collects the spheres of the second group that are close to the first group.
         let mut open = std::mem::take(&mut batch.open);
         open.clear();
@@ -376,10 +388,9 @@ impl Screen {
             #[inline(always)]
             fn run(self) -> bool {
                 let Self { screen, batch, group, other, need, reach, visit } = self;
-                let between = &mut Between::default();
                 match other {
-                    Other::Element(e) => screen.against_solid::<false>((group, e), need, batch, between, reach, visit),
-                    Other::Cloud(c) => screen.against_cloud::<false>((group, c), need, batch, between, reach, visit),
+                    Other::Element(e) => screen.against_solid((group, e), need, batch, &mut Still, reach, visit),
+                    Other::Cloud(c) => screen.against_cloud((group, c), need, batch, &mut Still, reach, visit),
                     Other::Pair(pair) => screen.against_group(pair, need, batch, reach, visit),
                 }
             }
@@ -475,9 +486,18 @@ pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
     value.all_at_least(limit)
 }
 
-/// Returns a box around eight spheres, one in each lane.
-fn region(center: &Points, radius: F32x8) -> Aabb {
-    let low = |k: usize| f64::from((center[k] - radius).to_array().into_iter().fold(f32::MAX, f32::min));
-    let high = |k: usize| f64::from((center[k] + radius).to_array().into_iter().fold(f32::MIN, f32::max));
-    Aabb { min: Point3::new(low(0), low(1), low(2)), max: Point3::new(high(0), high(1), high(2)) }
+/// Returns the minimum and maximum of a box around eight spheres, one in each lane.
+#[inline(always)]
+fn region(center: &Points, radius: F32x8) -> [[f32; 3]; 2] {
+    let mut out = [[0.0; 3]; 2];
+    for k in 0..3 {
+        let (low, high) = ((center[k] - radius).to_array(), (center[k] + radius).to_array());
+        let (mut least, mut most) = (low[0], high[0]);
+        for lane in 1..LANES {
+            least = if low[lane] < least { low[lane] } else { least };
+            most = if high[lane] > most { high[lane] } else { most };
+        }
+        (out[0][k], out[1][k]) = (least, most);
+    }
+    out
 }

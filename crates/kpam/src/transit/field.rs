@@ -6,6 +6,7 @@ use std::time::Instant;
 use gensim2_geometry::{Batch, LANES, Other, Pose, Suspect};
 
 use super::NoMotion;
+use super::normals::Normals;
 use super::path::Along;
 use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::world::{Compiled, Required};
@@ -61,6 +62,7 @@ pub(crate) struct Field<'s> {
     suspects: Vec<Suspect>,
     /// Most recent collisions as (group, obstacle), the latest first.
     latest: Vec<(usize, Other)>,
+    normals: Normals,
     poses: Vec<Pose>,
     q: Vec<f64>,
     rows: [Row; LANES],
@@ -84,6 +86,7 @@ impl<'s> Field<'s> {
             batch,
             suspects: Vec::new(),
             latest: Vec::new(),
+            normals: Normals::default(),
             poses: Vec::new(),
             q: Vec::new(),
             rows: [[0.0; MAX_JOINTS]; LANES],
@@ -126,7 +129,7 @@ impl<'s> Field<'s> {
         }
         world.screen.place(&mut self.batch);
         self.suspects.clear();
-        let Self { batch, suspects, latest, poses, q, rows, needs, scene, model, .. } = self;
+        let Self { batch, suspects, latest, normals, poses, q, rows, needs, scene, model, .. } = self;
         // The lane for which the poses were computed last.
         let mut posed = usize::MAX;
         let mut keeps = |s: &Suspect, lane: usize| {
@@ -135,7 +138,8 @@ impl<'s> Field<'s> {
                 Compiled::poses(scene, q, poses);
                 posed = lane;
             }
-            world.screen.keeps(s.group, s.other, poses, needs.of(&world.screen, s.group, s.other))
+            let need = needs.of(&world.screen, s.group, s.other);
+            world.screen.keeps(s.group, s.other, poses, need, normals.of(s.group, s.other))
         };
         // Finds a lane in which a pair is certainly too close. A pair that probably overlaps deeply is measured.
         let mut struck = |s: &Suspect| {

@@ -6,6 +6,7 @@ mod field;
 mod goal;
 mod ik;
 mod moving;
+mod normals;
 mod path;
 mod paths;
 mod question;

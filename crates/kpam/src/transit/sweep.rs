@@ -4,8 +4,7 @@
 
 use gensim2_geometry::{Chains, LANES, Motions, Other, Pose, Screen, Travel};
 
-use nalgebra::Vector3;
-
+use super::normals::Normals;
 use super::{Approached, Stuck};
 use crate::model::{Model, Row};
 use crate::world::{CONTACT, Compiled, Required, TOUCH};
@@ -59,8 +58,7 @@ pub(super) struct Sweep<'s> {
     places: Places,
     travel: Vec<Travel>,
     q: Vec<f64>,
-    /// Normals of the planes that separated pairs last.
-    normals: Vec<((usize, Other), Vector3<f64>)>,
+    normals: Normals,
 }
 
 impl<'s> Sweep<'s> {
@@ -79,7 +77,7 @@ impl<'s> Sweep<'s> {
             places: Places::default(),
             travel: vec![Travel::default(); scene.robot().joints().len()],
             q: Vec::new(),
-            normals: Vec::new(),
+            normals: Normals::default(),
         }
     }
 
@@ -251,16 +249,12 @@ impl<'s> Sweep<'s> {
             let need = self.needs.of(screen, o.group, o.other);
             let bend = self.motions.bend(o.group, o.other, lane);
             let ends = [o.from, o.to].map(|k| self.places.poses[k].as_slice());
-            let known = self.normals.iter().position(|(pair, _)| *pair == (o.group, o.other));
-            let known = known.unwrap_or_else(|| {
-                self.normals.push(((o.group, o.other), Vector3::zeros()));
-                self.normals.len() - 1
-            });
-            if screen.keeps_between(o.group, o.other, ends, need + bend, &mut self.normals[known].1) {
+            let normal = self.normals.of(o.group, o.other);
+            if screen.keeps_between(o.group, o.other, ends, need + bend, normal) {
                 continue;
             }
             for poses in ends.into_iter().filter(|_| halvings >= PATIENCE) {
-                if !screen.keeps(o.group, o.other, poses, need - CONTACT) {
+                if !screen.keeps(o.group, o.other, poses, need - CONTACT, normal) {
                     let distance = screen.distance(o.group, o.other, poses, need.max(0.0) + 1e-6);
                     let bodies = self.world.named(self.scene, o.group, o.other);
                     return Err(Stuck::Near(Approached { bodies, distance }));

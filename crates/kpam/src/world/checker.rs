@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use gensim2_geometry::{Batch, Contact, LANES, Needs, Other, Pose};
-use nalgebra::{Point3, center};
+use nalgebra::{Point3, Vector3, center};
 
 use super::Scene;
 use super::compiled::Compiled;
@@ -70,7 +70,10 @@ impl<'s> Checker<'s> {
     /// `q` has the wrong length, or an entry is not finite.
     pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
         self.place(q, 0.0)?;
-        Ok(!self.suspects.iter().all(|(group, other, _)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
+        Ok(!self
+            .suspects
+            .iter()
+            .all(|(group, other, _)| self.world.screen.keeps(*group, *other, &self.poses, 0.0, &mut Vector3::zeros())))
     }
 
     /// Returns whether any pair overlaps at each of up to [`LANES`] full joint vectors, which are screened together.
@@ -110,7 +113,7 @@ impl<'s> Checker<'s> {
                 continue;
             }
             Compiled::poses(self.scene, rows[lane], &mut self.poses);
-            *hit = !near.iter().all(|s| screen.keeps(s.group, s.other, &self.poses, 0.0));
+            *hit = !near.iter().all(|s| screen.keeps(s.group, s.other, &self.poses, 0.0, &mut Vector3::zeros()));
         }
         Ok(hits)
     }
