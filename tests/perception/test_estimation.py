@@ -48,6 +48,7 @@ from gensim2.perception.estimation.examples import (
 from gensim2.perception.estimation.goal import DISTRUST, GoalTracker
 from gensim2.perception.estimation.measuring import calibrated, figures, measured, row_of
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
+from gensim2.perception.estimation.presence import why_absent
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.scene import boxes, planning_scene, raised, scene_object
 from gensim2.perception.estimation.tracking import Track
@@ -856,3 +857,18 @@ def test_a_bail_on_the_rim_is_not_measured() -> None:
 
 def test_only_buckets_and_bags_have_bails() -> None:
     assert {each.name for each in SceneEstimator.load().classes if each.is_bail} == {"bucket_swing", "bag_swing"}
+
+
+def test_a_raised_bail_shows_a_bucket_whatever_the_network_says() -> None:
+    """The network takes some real buckets for trash cans."""
+    [kind] = [each for each in SceneEstimator.load().classes if each.name == "bucket_swing"]
+    found = truth(look_at("bucket_swing", 0.5), "bucket_swing")
+    found = replace(found, classes={"bucket_swing": 0.003, "trash_can": 0.987})
+    for angle, is_absent in ((0.2, False), (1.5, True)):
+        points, _ = bucket(angle, 0.0)
+        seen = replace(
+            found,
+            points=np.arange(len(points)),
+            joint=replace(found.joint, axis=np.array([1.0, 0.0, 0.0]), origin=np.array([0.0, 0.0, 0.19])),
+        )
+        assert (why_absent(seen, points, kind) is not None) == is_absent

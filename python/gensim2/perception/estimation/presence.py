@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
 from gensim2.objects.words import noun
+from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import ClassConstants
 from gensim2.perception.estimation.deformation import SMALLEST
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points
@@ -38,9 +39,10 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
 
     The network knows only classes of articulated objects, and assigns one of them to any points. Therefore two
     conditions must hold. The kind of object, such as a bucket, must be at least 1 / ``CLASS_ODDS`` times as probable as
-    the most probable class. The classes of one kind, such as bucket_lift and bucket_swing, have the same shapes. The
-    largest connected part of the object's points must not be smaller than in the training clouds of the class.
-    Small objects such as a mug, also several of them side by side, fail the second condition.
+    the most probable class, or the cloud must show the raised bail of a bucket. The classes of one kind, such as
+    bucket_lift and bucket_swing, have the same shapes. The largest connected part of the object's points must not be
+    smaller than in the training clouds of the class. Small objects such as a mug, also several of them side by side,
+    fail the second condition.
 
     Args:
         found: estimate for the class; None if the cloud shows no articulated object.
@@ -53,7 +55,8 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
         return None
     likeliest = max(found.classes, key=lambda name: found.classes[name])
     probability = sum(each for name, each in found.classes.items() if noun(name) == noun(kind.name))
-    if CLASS_ODDS * probability < found.classes[likeliest]:
+    has_bail = kind.is_bail and raised_bail(cloud[found.points], found.joint.axis, found.joint.origin) is not None
+    if CLASS_ODDS * probability < found.classes[likeliest] and not has_bail:
         return {
             "probability": round(probability, 4),
             "likeliest": likeliest,
