@@ -200,7 +200,8 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float, v: Array) -> Array:
-        """Return each joint's leash (m,), rad or m, which is 0 from ``YIELDING`` of the force limit on.
+        """Return the maximum distance (m,) of each joint's target from its position, rad or m. It shrinks with the
+        force, and is 0 if the force is at least ``YIELDING`` times the limit.
 
         Args:
             force: contact force, N.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gensim2.design.drafting import chains
-from gensim2.design.skills import ASIDE
-from gensim2.doing.composing import compose
+from gensim2.design.skills import ASIDE, places_in
+from gensim2.doing.composing import _affordance, compose
 from gensim2.instructions.grammar import parse
 from gensim2.instructions.meanings import solved
 from gensim2.instructions.steps import Put, Refusal, SentenceError, Step
@@ -95,10 +97,27 @@ def test_the_keypoint_that_success_measures_is_placed(library: Library, goal: st
     assert {row["keypoint_name"] for row in rows} == {MEASURED}
 
 
-def test_two_objects_in_one_container_lie_side_by_side(library: Library) -> None:
-    first, second = placements(library, "put the banana and the peach into the microwave").values()
-    assert {row["target_offset"][1] for row in first} == {ASIDE}
-    assert {row["target_offset"][1] for row in second} == {-ASIDE}
+@pytest.mark.parametrize("container", ["microwave", "drawer"])
+def test_two_objects_in_one_container_lie_side_by_side(library: Library, container: str) -> None:
+    first, second = placements(library, f"put the banana and the peach into the {container}").values()
+    frames = {row["target_offset_frame"] for row in first}
+    assert frames == ({"world"} if container == "microwave" else {"world", "object"})
+    for rows, left in ((first, ASIDE), (second, -ASIDE)):
+        # In the frame of the drawer, x points to the right.
+        assert {
+            row["target_offset"][1] if row["target_offset_frame"] == "world" else -row["target_offset"][0]
+            for row in rows
+        } == {left}
+
+
+def test_the_height_of_the_measured_keypoint_is_added_upwards(library: Library) -> None:
+    """In the frame of a drawer, y points up and z out of the front."""
+    container, thing = (_affordance(library, name) for name in ("drawer", "golf_ball"))
+    low, high = (places_in(container, replace(thing, measured_at=(0.0, 0.0, height))) for height in (0.0, 0.02))
+    for name in low:
+        before, after = (each[name]["constraint_list"][0] for each in (low, high))
+        change = np.subtract(after["target_offset"], before["target_offset"])
+        assert change == pytest.approx([0, 0.02, 0] if after["target_offset_frame"] == "object" else [0, 0, 0.02])
 
 
 def test_an_object_that_is_taller_than_the_drawer_is_laid_down(library: Library) -> None:

@@ -138,6 +138,7 @@ pub(crate) fn keeps_apart(
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
     let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
     if -extreme.point.coords.dot(&direction) >= limit {
+        *toward = direction.into_inner();
         return Reach::Beyond;
     }
     let mut simplex = VoronoiSimplex::new();

@@ -153,11 +153,11 @@ def required(module: str, extra: str, distribution: str = "gensim2", package: st
         package: name of the package for the message; default: the module's first part.
 
     Raises:
-        MissingExtraError: the module cannot be imported.
+        MissingExtraError: the module is not installed.
     """
     try:
         return importlib.import_module(module)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError(package or module.partition(".")[0], extra, distribution) from error
 
 

@@ -83,7 +83,7 @@ class ConsoleProgress(Progress):
     """Progress listener that prints to standard error. On a terminal it shows progress bars; in a file or a pipe it
     prints a line every 30 s with an estimate of the remaining time, and one line at the end of each stage.
 
-    It is a context manager, whose end, also by an exception or Ctrl-C, ends the last stage.
+    Use it in a ``with`` block. The last stage ends with the block, also after an exception or Ctrl-C.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:

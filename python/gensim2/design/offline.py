@@ -174,9 +174,9 @@ class OfflineDesigner:
             if thing.kind == "rigid":
                 return skills.places_on(thing, held)
             if thing.is_container:
-                # Two objects in one container lie side by side.
+                # Several objects in one container lie side by side.
                 tools = [each.tool for each in task.steps if each.object == step.object and each.tool != HAND]
-                aside = 0.0 if len(tools) < 2 else skills.ASIDE * (1 if step.tool == tools[0] else -1)
+                aside = skills.ASIDE * (len(tools) - 1 - 2 * tools.index(step.tool))
                 return skills.places_in(thing, held, aside)
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):

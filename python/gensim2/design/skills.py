@@ -131,7 +131,9 @@ def places_in(container: Affordance, thing: Affordance, aside: float = 0.0) -> S
             found[name] = copy.deepcopy(shared_strategy(name))
             place = found[name]["constraint_list"][0]
             place["keypoint_name"] = MEASURED
-            place["target_offset"][1] += aside if place["target_offset_frame"] == "world" else 0.0
+            # In the object's frame, y points up, z out of the front, and x to the right.
+            axis, sign = (1, 1.0) if place["target_offset_frame"] == "world" else (0, -1.0)
+            place["target_offset"][axis] += sign * aside
     else:
         lowered = (thing.size[2] - min(thing.size)) / 2
         for above, (number, (direction, tolerance)) in itertools.product(_ABOVE_FLOOR, enumerate(_INTO)):
@@ -147,7 +149,8 @@ def places_in(container: Affordance, thing: Affordance, aside: float = 0.0) -> S
         if container.interior is not None and thing.size[2] > 2.0 * container.interior[2]:
             return level  # The middle of the standing object would be above the container.
     for way in found.values():
-        way["constraint_list"][0]["target_offset"][2] += thing.measured_at[2]
+        place = way["constraint_list"][0]
+        place["target_offset"][_upward(place)] += thing.measured_at[2]
     return {**level, **found}
 
 
@@ -176,13 +179,18 @@ def hand_overs(thing: Affordance, direction: str) -> Strategies:
     return found
 
 
+def _upward(constraint: dict[str, Any]) -> int:
+    """Return the index of the vertical axis in the frame of a constraint's offset."""
+    return 2 if constraint["target_offset_frame"] == "world" else 1
+
+
 def _lying(strategy: dict[str, Any], reach: float, lowered: float) -> dict[str, Any]:
     """Return a copy of a strategy that puts a long object down level and lower by ``lowered`` (m), with its measured
     keypoint and its centre near the goal. The two points have the distance ``reach`` (m).
     """
     changed = copy.deepcopy(strategy)
     place, *others = changed["constraint_list"]
-    place["target_offset"][2] -= lowered
+    place["target_offset"][_upward(place)] -= lowered
     place["tolerance"] = LYING_NEAR
     center = {**place, "keypoint_name": CENTER, "tolerance": round(reach, 3)}
     level = {

@@ -15,8 +15,8 @@ from gensim2.robots import CLOSED, OPEN, RobotProfile
 #: Speed of each finger when closing on a movable object, m/s.
 CLOSING_SPEED = 0.06
 
-#: Minimum and maximum grip force of each finger, in weights of the object: a reserve for torques and inertia, and a
-#: limit, because under many weights the pads sink into light bodies in some solvers and eject them.
+#: Minimum and maximum grip force of each finger, as multiples of the object's weight. The minimum leaves a reserve for
+#: torques and inertia. In some simulators, pads that press harder than the maximum sink into light objects.
 LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.

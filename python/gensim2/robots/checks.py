@@ -40,8 +40,8 @@ def check_profile(profile: RobotProfile, where: str) -> None:
 
     rates = profile.simulation.physics_hz, profile.control_hz
     if min(rates) <= 0 or rates[0] % rates[1]:
-        wrong = "control_hz"
-        raise refuse(wrong, f"the physics rate, {rates[0]} Hz, is not a multiple of the control rate, {rates[1]} Hz")
+        wrong = f"the physics rate, {rates[0]} Hz, is not a multiple of the control rate, {rates[1]} Hz"
+        raise refuse("control_hz", wrong)
     if not isclose(sum(each * each for each in profile.base_quaternion), 1.0, abs_tol=NEAR):
         raise refuse("base_quaternion", f"must be a unit quaternion (w, x, y, z), but is {profile.base_quaternion}")
     missing = [name for name in KEYPOINTS if name not in profile.tool_keypoints]
@@ -76,8 +76,8 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
         raise refuse("gripper.widest", "the largest pad distance must be above 0 m")
     for name, mimic in gripper.mimics.items():
         if mimic.joint not in gripper.driven or mimic.multiplier == 0.0:
-            wrong = "gripper.mimics"
-            raise refuse(wrong, f"the joint {name!r} must follow a driven joint with a multiplier other than 0")
+            wrong = f"the joint {name!r} must follow a driven joint with a multiplier other than 0"
+            raise refuse("gripper.mimics", wrong)
 
 
 def _check_cameras(profile: RobotProfile, refuse: Refuse) -> None:

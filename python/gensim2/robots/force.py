@@ -16,8 +16,7 @@ the arm: with less, many real toasters, faucets and doors are not moved in time.
 BEHIND = 0.01
 """Distance (m) of the limited target of the tool from the requested one above which the arm is behind its plan."""
 BLOCKED_SHARE = 0.3
-"""An arm that presses with the largest permitted force counts as blocked below this fraction of the speed that it would
-have without an obstacle."""
+"""An arm counts as blocked below this fraction of the speed that it would have without an obstacle."""
 LEAST_COMPLIANCE = 1e-7
 """Lower bound of the tool's compliance, m/N, for arms in a singular configuration."""
 HALVINGS = 40
@@ -87,7 +86,7 @@ class Yielding:
 
         Args:
             q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
-            targets: (m,) limited targets of the arm's drives, rad or m.
+            targets: (m,) targets of the arm's drives, rad or m.
         """
         ahead = targets - q[self._columns]
         # Without an obstacle, the distance to the targets is the tracking delay times the velocity.

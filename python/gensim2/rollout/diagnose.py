@@ -155,7 +155,7 @@ class _Facts:
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
     def _given_up(self, step: Step) -> Fault | None:
-        """Return the step's last deviation as a fault; None without one or if an actuation pose was reached later."""
+        """Return the step's last deviation as a fault; None if there is none or the hand was later in place."""
         last = next((event for event in reversed(self.events) if event.step == step.name), None)
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 

@@ -230,7 +230,6 @@ def _rollout(
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.recording import EpisodeResult
     from gensim2.rollout.run import Attempt, attempted, run
-    from gensim2.rollout.worker import Noisy
 
     given = config.rollout
     env = simulator(config.scene)

@@ -94,7 +94,8 @@ class Randomization(_Value):
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
-        yaw: limit of the rotation about the vertical, rad; the sampled sign is the y offset's times that of ``yaw``.
+        yaw: limit of the rotation about the vertical, rad. The rotation has the sign of the sampled y offset, or
+            the opposite sign if ``yaw`` is negative.
         openness_mean: mean openness at the start; None: default of the instance.
         openness_spread: maximum deviation from the mean openness. The sampled openness is clipped to 0..1.
     """
@@ -151,7 +152,7 @@ class Made(_Value):
 
     Attributes:
         by: ``"search"``, ``"model"`` (a language model) or ``"hand"`` (a person).
-        seen: objects of the design: ``"train"`` for the training split, the others unseen, or ``"all"``.
+        seen: objects with which the strategy was designed: ``"train"`` for the training split only, or ``"all"``.
     """
 
     by: Literal["search", "model", "hand"]

@@ -100,11 +100,11 @@ def take_apart(tree: ForeignTree, sizes: Mapping[str, int], out: Path, progress:
 def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) -> None:
     origin = document.gensim2
 
-    def wrong(message: str, field: str) -> InputError:
-        return InputError(message, file=file, field=f"gensim2.{field}", remedy=REMEDY)
+    def wrong(message: str, field: str, remedy: str | None = REMEDY) -> InputError:
+        return InputError(message, file=file, field=f"gensim2.{field}", remedy=remedy)
 
     if record != origin.dataset:
-        raise wrong("the task belongs to a different data set from the tasks read before", "dataset")
+        raise wrong("the task belongs to a different data set from the tasks read before", "dataset", None)
     if len(origin.indices) != len(document.episodes):
         counts = f"has {len(origin.indices)} entries, but the list 'episodes' has {len(document.episodes)}"
         raise wrong(counts, "indices")
@@ -112,7 +112,7 @@ def _check(document: _Trajectory, record: DatasetRecord, name: str, file: Path) 
         raise wrong("each episode index must be larger than the index before it", "indices")
     spec = parse_task(origin.task, str(file))
     if spec.name != name:
-        raise wrong(f"the task is named {spec.name!r}, but its folder is named {name!r}", "task.name")
+        raise wrong(f"the task is named {spec.name!r}, but its folder is named {name!r}", "task.name", None)
     if set(origin.strategies) != set(strategies_of(spec)):
         other = sorted(set(origin.strategies) ^ set(strategies_of(spec)))[0]
         raise wrong(f"the strategies do not match the task: {other!r} occurs in only one of the two", "strategies")

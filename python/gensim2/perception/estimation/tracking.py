@@ -76,9 +76,10 @@ STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
 MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.18, 0.25
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end, and maximum difference of an openness that the cloud shows. After a motion without a displacement and
-without resistance, the openness may differ from the end by at most ``NEAR_END``. With resistance, or after two such
-motions in a row, it may differ by ``REPEATED`` even if the estimate is more certain.
+at this end, and maximum difference of an openness that the cloud shows. After a motion that moved the joint until it
+resisted, and after a motion without a displacement and without resistance, the openness may differ from the end by at
+most ``NEAR_END``. After a motion without a displacement but with resistance, or after two motions without both, it may
+differ by ``REPEATED`` even if the estimate is more certain.
 """
 
 
@@ -335,7 +336,7 @@ class Track:
                 most, shown = min(most, NEAR_END), shown if new.openness_deviation <= UNKNOWN else openness
             elif new.openness_deviation <= UNKNOWN:
                 most = min(most, FAR_FROM_END)
-            if (self.misses and not resists) or (is_pressed and has_ended):
+            if (self.misses and not resists and not ends_pressed) or (is_pressed and has_ended):
                 most = max(most, REPEATED)
             elif is_pressed is False:
                 # The hand may also have missed the moving part.
