@@ -17,9 +17,10 @@ from gensim2.objects.types import ArticulatedObject
 from gensim2.robots import robot
 from gensim2.scenes.arguments import as_library, chosen_instances
 from gensim2.scenes.footprint import gap_between, hulls_in_root, outline, swept_points
-from gensim2.scenes.initial_state import GAP, InitialState, PlacementError, sample_initial_state
+from gensim2.scenes.initial_state import GAP, MAX_DRAWS, InitialState, PlacementError, sample_initial_state
 from gensim2.scenes.reset_options import read_options
 from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.library import load_task
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -122,7 +123,8 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     there = {"place": {"at": [0.0, 0.0]}, "randomization": {"x": 0.01, "y": 0.01}}
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
     with pytest.raises(
-        PlacementError, match=r"100 random placements with seed 5 leaves enough space for bowl \(bowl\), mug \(mug\)"
+        PlacementError,
+        match=r"100 random placements with seed 5 leaves enough space, the last for bowl \(bowl\), mug \(mug\)",
     ):
         _set_up(task, 5)
     # Unless options place one or both of them elsewhere.
@@ -130,6 +132,19 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     assert away.draws == 1
     both = _set_up(task, 5, {"offset": {"mug": [0.0, 0.0, 0.0], "bowl": [0.0, 0.0, 0.0]}})
     assert np.array_equal(both.objects["mug"].position[:2], [0.0, 0.0])
+
+
+def test_other_objects_are_chosen_if_the_first_ones_find_no_room() -> None:
+    """With this seed, the first box and the first drawer are too large to stand side by side."""
+    task, library, seed = load_task("MoveRubiksCubeFromBoxToDrawer"), as_library("builtin"), 1971019364
+    instances, free = chosen_instances(library, task, "new"), read_options({}, tuple(task.objects))
+    setup = sample_initial_state(task, library, instances, seed, free, PANDA)
+    assert setup.draws > MAX_DRAWS
+    assert setup.objects["box"].model.id != "106" or setup.objects["drawer"].model.id != "83"
+    # A chosen object is kept.
+    fixed = read_options({"instance": {"box": "106", "drawer": "83"}}, tuple(task.objects))
+    with pytest.raises(PlacementError, match="none of 100 random placements"):
+        sample_initial_state(task, library, instances, seed, fixed, PANDA)
 
 
 def test_an_option_for_one_object_shifts_nothing_of_the_others() -> None:

@@ -36,7 +36,9 @@ from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 
 MAX_DRAWS = 100
-"""Maximum number of random placements for one scene."""
+"""Maximum number of random placements for the same objects."""
+MAX_CHOICES = 10
+"""Maximum number of random choices of the objects of one scene."""
 GAP = 0.02
 """Minimum gap between the outlines of two objects, m."""
 PAPER = preset(DEFAULT_PRESET)
@@ -132,7 +134,8 @@ def sample_initial_state(
 
     If ``physics`` allows, placements are sampled up to ``MAX_DRAWS`` times, until the robot overlaps no object at its
     start, and several objects are ``GAP`` apart (with the space of moving parts), within reach, and, if rigid, clear of
-    the robot's space. ``options`` stay fixed; a random start of the robot is sampled again, too.
+    the robot's space. If this fails, other objects are chosen, up to ``MAX_CHOICES`` times. ``options`` stay fixed; a
+    random start of the robot is sampled again, too.
 
     A second generator samples a preset's additional values, so that the task's values do not depend on them.
 
@@ -149,32 +152,35 @@ def sample_initial_state(
         PlacementError: the objects cannot be placed.
     """
     generator = rng(seed, task.name)
-    draws: dict[str, Draw] = {}
-    models: dict[str, ArticulatedObject | RigidObject] = {}
-    for name, spec in task.objects.items():
-        draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
-        chosen = options[name].get("instance")
-        # ``chosen`` must be an id. A word such as ``train`` selects ids but is not an id itself, so it is rejected.
-        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):
-            raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
-        models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
-    factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
-    room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
-    starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
-    checked = [name for name in models if again and (starts is not None or _is_drawn(options[name]))]
-    for count in range(1, MAX_DRAWS + 1):
-        objects = _stand_all(task, models, draws, options, physics.poses, factors)
-        if objects is not None and (room is None or room.holds(objects)):
-            hulls = [objects[name].hulls_in_world() for name in checked]
-            clear = clear_start(starts, start, robot, hulls) if checked else start
-            if clear is not None:
-                return InitialState(objects, count, clear, randomization.name)
+    sampled = [name for name in task.objects if options[name].get("instance") is None and len(instances[name]) > 1]
+    choices = MAX_CHOICES if again and sampled else 1
+    for choice in range(choices):
+        draws: dict[str, Draw] = {}
+        models: dict[str, ArticulatedObject | RigidObject] = {}
         for name, spec in task.objects.items():
-            draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
+            draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
+            chosen = options[name].get("instance")
+            # ``chosen`` must be an id. A word such as ``train`` selects ids but is not an id itself, so it is rejected.
+            if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):
+                raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
+            models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
+        factors, start = _vary(task, models, seed, robot, randomization)
+        room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
+        starts = rng(seed, f"{task.name}/{randomization.name}/start") if again and randomization.varies else None
+        checked = [name for name in models if again and (starts is not None or _is_drawn(options[name]))]
+        for count in range(1, MAX_DRAWS + 1):
+            objects = _stand_all(task, models, draws, options, physics.poses, factors)
+            if objects is not None and (room is None or room.holds(objects)):
+                hulls = [objects[name].hulls_in_world() for name in checked]
+                clear = clear_start(starts, start, robot, hulls) if checked else start
+                if clear is not None:
+                    return InitialState(objects, choice * MAX_DRAWS + count, clear, randomization.name)
+            for name, spec in task.objects.items():
+                draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"none of {MAX_DRAWS} random placements with seed {seed} leaves enough space for {names}",
+        f"none of {choices * MAX_DRAWS} random placements with seed {seed} leaves enough space, the last for {names}",
         field="objects",
         remedy="move the positions in place.at farther apart, or choose other instances",
     )
