@@ -22,7 +22,7 @@ CHANGE_GOAL = "add a criterion about the object that was not moved, or a stricte
 """Remedy for a task whose success criteria are refused, unless the start of a joint is the cause."""
 
 FAR_OPEN = 0.8
-"""Threshold of ``articulated_open`` beyond all mutated worlds; 1 - ``FAR_OPEN`` for ``articulated_closed``."""
+"""Threshold for ``articulated_open`` that no mutated world reaches; for ``articulated_closed`` it is one minus this."""
 
 NEAR_END = 0.1
 """Largest openness of a joint that starts almost closed, as proposed by :func:`remedy_for`."""

@@ -152,7 +152,7 @@ def verify(
 #: Maximum number of searched proposals per requested task.
 PROPOSALS_PER_TASK = 3
 
-#: A run ends after this many consecutive proposals of a kind of which it has enough tasks.
+#: A run ends if this many proposals in a row are of kinds that already have enough tasks.
 MAX_UNWANTED = 300
 
 #: Minimum CPU time (s) between rewrites of the report, which take longer with more tasks.

@@ -29,7 +29,8 @@ def fixed_base(
 ) -> str:
     """Return the text of a URDF with a fixed base.
 
-    Links before ``base`` go, ``standing`` joints are fixed, continuous ones limited, mesh paths absolute.
+    Links before ``base`` are left out, ``standing`` joints are fixed, and continuous joints get limits. Mesh paths are
+    absolute.
 
     Args:
         urdf: URDF file, with mesh paths relative to the file.

@@ -14,7 +14,7 @@ PRESSING = 210.0
 the arm: with less, many real toasters, faucets and doors are not moved in time.
 """
 BEHIND = 0.01
-"""Distance (m) of the limited target of the tool from the requested one above which the arm is behind its plan."""
+"""The arm is behind its plan if the force limit moves the tool's target farther than this (m) from the planned one."""
 BLOCKED_SHARE = 0.3
 """An arm counts as blocked below this fraction of the speed that it would have without an obstacle."""
 LEAST_COMPLIANCE = 1e-7

@@ -166,7 +166,7 @@ def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, fl
 
 
 def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
-    """Return how far (m) the nearest place that meets a criterion is beyond a hand pointing down at the table."""
+    """Return the distance (m) from the reach of a hand that points down to the nearest place that meets a criterion."""
     base = np.array(robot.base_position)
     if isinstance(criterion, RigidLifted):
         return max(0.0, float(thing.position[2] + criterion.height - base[2]) - 2.0 * robot.reach)

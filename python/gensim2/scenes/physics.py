@@ -78,7 +78,7 @@ PRESETS: Mapping[str, PhysicsSwitches] = {
     DEFAULT_PHYSICS: PhysicsSwitches(),
     "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
 }
-"""Presets; ``original``: all settings but the fingers are the original GenSim2's (docs/reference/simulation.md)."""
+"""Presets; ``original`` has the original GenSim2's settings except for fingers (docs/reference/simulation.md)."""
 
 PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
 SWITCHES: Mapping[str, tuple[str, ...]] = {

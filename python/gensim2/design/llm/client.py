@@ -211,7 +211,7 @@ class Client:
 
 
 def _complaint(error: Exception) -> str:
-    """Return an error's message, and the body, where servers other than OpenAI's explain it, if it is missing."""
+    """Return an error's message, with the response body if the message lacks it. The body often explains the error."""
     said, body = str(error), getattr(error, "body", None)
     return f"{said} - {body}" if body and " - " not in said else said
 
