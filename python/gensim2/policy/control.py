@@ -17,7 +17,7 @@ from gensim2.policy.array_file import read_arrays, require_shapes, write_arrays
 CLOUDS = "clouds.npz"
 """Name of the file with clouds of training scenes in a checkpoint's folder."""
 MAX_CLOUDS = 64
-RESOLUTION = 5e-4
+RESOLUTION = 1e-3
 """Resolution of the coordinates in the file of clouds, m."""
 MAX_BYTES = 2**26
 """Maximum size of the arrays in the file of clouds, bytes; 64 of the largest clouds take 47 MB."""
@@ -61,15 +61,18 @@ class Shuffled:
         return Shuffled(points, colours)
 
     def save(self, folder: Path) -> None:
-        """Write the clouds to a file in a checkpoint's folder, with coordinates rounded to 0.5 mm.
+        """Write the clouds to a file in a checkpoint's folder, with coordinates rounded to 1 mm, and the points of each
+        cloud sorted by their coordinates.
 
         Raises:
             WriteError: the folder cannot be written to.
         """
-        # The control experiment needs no exact points, and rounded coordinates take a quarter less space.
+        # The control experiment needs no exact points and no order. Rounded and sorted coordinates take less space.
         points = (np.round(self.points / RESOLUTION) * RESOLUTION).astype(np.float32)
+        order = np.stack([np.lexsort(cloud.T[::-1]) for cloud in points])[..., None]
+        points, colours = (np.take_along_axis(each, order, axis=1) for each in (points, self.colours))
         # Coordinates of the same axis are alike, so they take less space one after the other.
-        write_arrays(folder / CLOUDS, {"points": np.asfortranarray(points), "colours": self.colours})
+        write_arrays(folder / CLOUDS, {"points": np.asfortranarray(points), "colours": colours})
 
 
 @dataclass(frozen=True)
