@@ -70,9 +70,10 @@ class Shuffled:
         # The control experiment needs no exact points and no order. Rounded and sorted coordinates take less space.
         points = (np.round(self.points / RESOLUTION) * RESOLUTION).astype(np.float32)
         order = np.stack([np.lexsort(cloud.T[::-1]) for cloud in points])[..., None]
-        points, colours = (np.take_along_axis(each, order, axis=1) for each in (points, self.colours))
         # Coordinates of the same axis are alike, so they take less space one after the other.
-        write_arrays(folder / CLOUDS, {"points": np.asfortranarray(points), "colours": colours})
+        points = np.asfortranarray(np.take_along_axis(points, order, axis=1))
+        colours = np.take_along_axis(self.colours, order, axis=1)
+        write_arrays(folder / CLOUDS, {"points": points, "colours": colours})
 
 
 @dataclass(frozen=True)
