@@ -55,8 +55,8 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
         return None
     likeliest = max(found.classes, key=lambda name: found.classes[name])
     probability = sum(each for name, each in found.classes.items() if noun(name) == noun(kind.name))
-    has_bail = kind.is_bail and raised_bail(cloud[found.points], found.joint.axis, found.joint.origin) is not None
-    if CLASS_ODDS * probability < found.classes[likeliest] and not has_bail:
+    is_unlikely = CLASS_ODDS * probability < found.classes[likeliest]
+    if is_unlikely and not (kind.is_bail and _shows_bail(found, cloud)):
         return {
             "probability": round(probability, 4),
             "likeliest": likeliest,
@@ -67,3 +67,8 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
         if extent < SMALLEST * kind.least_extent:
             return {"extent": round(extent, 3), "least_extent": round(SMALLEST * kind.least_extent, 3)}
     return None
+
+
+def _shows_bail(found: ObjectEstimate, cloud: Points) -> bool:
+    """Return whether a cloud (N, 3) shows the raised bail of an estimated bucket."""
+    return raised_bail(cloud[found.points], found.joint.axis, found.joint.origin) is not None
