@@ -96,7 +96,7 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """Everything from which a controller's process, to which it is sent, makes controller and observations.
+    """Data that is sent to a controller's process, which makes the controller and observations from it.
 
     Attributes:
         controller: specification of the controller.

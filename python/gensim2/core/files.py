@@ -253,7 +253,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def remove_temporaries(folder: Path, *, subfolders: bool = True) -> None:
-    """Remove temporary files of killed processes from a folder to which no process writes.
+    """Remove the temporary files of killed processes from a folder. No process may be writing there.
 
     Args:
         folder: the folder; it may be missing.

@@ -15,7 +15,7 @@ MAX_LINKS = 40
 
 
 def descriptor(path: Path) -> int | None:
-    """Return the open descriptor to which ``path`` refers, for example 1 for ``/dev/stdout``; None if there is none."""
+    """Return the open descriptor that ``path`` names, such as 1 for ``/dev/stdout``; None if it names none."""
     own = Path(f"/proc/{os.getpid()}/fd")
     for _ in range(MAX_LINKS):
         folder = Path(os.path.realpath(path.parent))

@@ -51,7 +51,7 @@ FAMILIES: list[Family] = [
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
     """Yield new long tasks composed of known tasks, in turns among their kinds, each with a new name.
 
-    Known tasks include those kept since the last proposal; None: none can be composed of them so far.
+    Known tasks include the tasks kept since the last proposal. None means that no task can be composed yet.
     """
     proposed: set[str] = set()
     while True:

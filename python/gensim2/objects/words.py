@@ -23,7 +23,7 @@ Direction = Literal["left", "right", "away"]
 UNKNOWN = 0.6
 """Usefulness of a task that no table lists, between common tasks (1) and rare tasks (0.1)."""
 
-#: Names and instructions of tasks by suffix of the class, for the joint's upper and lower limit; ``{}`` stands for the
+#: Names and instructions of tasks for the upper and the lower joint limit, by suffix of the class; ``{}`` is the
 #: object.
 MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),

@@ -100,7 +100,7 @@ class SceneOptions:
 
     @classmethod
     def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
-        """Create options from a user's arguments, without ``instances``, of which each task has its own.
+        """Create options from a user's arguments. ``instances`` is ignored, because each task has its own.
 
         Raises:
             InputError: the folder, the robot or a preset cannot be used.
@@ -146,7 +146,7 @@ class SceneOptions:
         return second
 
     def in_engines(self, engines: Engines) -> tuple[Self, ...]:
-        """Return the options for each engine of a run: these, and for ``"both"`` a copy with the other engine.
+        """Return the options for each engine: these options, and a copy with the other engine for ``"both"``.
 
         Raises:
             InputError, MissingExtraError: as for :meth:`second_engine`.

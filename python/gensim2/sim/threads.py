@@ -50,7 +50,7 @@ class ThreadVectorEnv(SyncVectorEnv):
         return self._with(list(self._threads.map(advance, range(self.num_envs))), super().step, actions)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Any:
-        """Reset all environments or those of ``options["reset_mask"]``; environment k gets ``seed + k``."""
+        """Reset the environments of ``options["reset_mask"]``, or all. Environment k gets ``seed + k``."""
         if options is not None and "reset_mask" in options:
             return super().reset(seed=seed, options=options)
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs

@@ -58,7 +58,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
             if not models:
                 # For several plain types pydantic appends a type's name, which is no field in the file.
                 break
-            # Not a field, but the value of ``type``, by which pydantic selects the class.
+            # This is not a field, but the value of ``type``. Pydantic selects the class by it.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

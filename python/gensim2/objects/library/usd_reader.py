@@ -51,7 +51,7 @@ AXES: Mapping[str, Array] = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3
 SHAPES = ("Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Mesh")
 """Types of prims that can be imported."""
 SHEAR = 1e-4
-"""Relative deviation up to which the scales of two axes count as equal, and two axes as perpendicular."""
+"""Maximum relative deviation of the scales of two axes that count as equal, and of perpendicular axes."""
 
 
 def read(source: Path, scratch: Path) -> tuple[Path, bool]:

@@ -10,7 +10,7 @@ from gensim2.core.arrays import Array
 
 
 class HullsKey:
-    """Cache key for a tuple of hulls, equal only for the same object, to which it keeps a reference.
+    """Cache key for a tuple of hulls. Two keys are equal only if they hold the same tuple object.
 
     Args:
         hulls: convex vertex sets, each (N, 3).

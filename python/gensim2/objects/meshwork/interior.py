@@ -1,4 +1,4 @@
-"""Find a container's free space from its hulls, by which criteria decide whether an object is inside.
+"""Find the free space in a container from its hulls. Criteria use it to decide whether an object is inside.
 
 A container's last keypoint, the measured point, lies in the space, or above it if objects are dropped in. It belongs to
 the link that contains objects: a drawer's moving link, but a box's or refrigerator's body.

@@ -265,7 +265,7 @@ class _Builder:
         equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
-        """Add the pairs of shapes that may touch; as in PhysX, friction is the mean of both coefficients."""
+        """Add the pairs of shapes that may touch. Their friction is the mean of both, as in PhysX."""
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}
