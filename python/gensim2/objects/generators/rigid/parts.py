@@ -79,7 +79,7 @@ def scaled(solid: Solid, factor: float | Vec3) -> Solid:
 def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, smooth: int = 6) -> list[Solid]:
     """Return a solid of revolution about the z axis.
 
-    The visual mesh is smooth. The collision shape is a stack of hulls, which cover as many profile points each as stay convex.
+    The visual mesh is smooth. The collision shape is a stack of hulls. Each has as many profile points as stay convex.
 
     Args:
         profile: (radius, height) from the bottom up, metres.
