@@ -62,8 +62,8 @@ def chosen_instances(
 
     Args:
         task: the task, which may allow only some instances of an object.
-        instances: one selection for all objects, of instances that the task allows, or a mapping from object names to
-            any; objects that it lacks use all that the task allows.
+        instances: one selection for all objects, with instances that the task allows, or a mapping from object names to
+            any instances. An object without an entry uses all instances that the task allows.
 
     Returns:
         Ids by the name of the object.

@@ -73,11 +73,12 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Options that the scenes of all tasks of a run share, from arguments (:meth:`of`) or a file.
+    """Scene options that all tasks of a run share. They come from arguments (:meth:`of`) or from a file.
 
     Attributes:
         assets: folder of objects or ``"builtin"``.
-        physics: name of the settings (:mod:`gensim2.scenes.physics`), to which a file's are converted.
+        physics: name of the physics settings (:mod:`gensim2.scenes.physics`). Settings from a file are converted to a
+            name.
         robot: name of a robot that this process has already loaded. The name never causes a robot to be loaded, because
             loading a robot runs Python code of the user, and the name may come from an untrusted file.
         engine: simulation engine.
@@ -160,7 +161,10 @@ class SceneOptions:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Arguments of ``gym.make`` for an environment with these options, without defaults."""
+        """Arguments of ``gym.make`` for an environment with these options
+
+        Arguments with default values are left out.
+        """
         usual = SceneOptions(self.assets).to_record()
         return {name: value for name, value in self.to_record().items() if value != usual[name]}
 

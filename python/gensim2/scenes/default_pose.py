@@ -1,6 +1,6 @@
-"""Determine the default poses of objects, computed or of the original GenSim2.
+"""Determine the default poses of objects: computed poses, or the poses of the original GenSim2.
 
-The latter are in ``default_poses.csv`` in this folder, which is installed with the package.
+The poses of the original GenSim2 are in ``default_poses.csv`` in this folder, which is installed with the package.
 """
 
 from __future__ import annotations
@@ -42,14 +42,15 @@ def default_pose(model: ArticulatedObject | RigidObject, poses: PhysicsSource) -
 
     Args:
         model: object to place.
-        poses: ``"default"``: computed; ``"original"``: published by the original GenSim2, or computed without a
-            published one, and for all rigid objects, because some of theirs overlap the table.
+        poses: ``"default"``: computed poses; ``"original"``: poses published by the original GenSim2. Objects without a
+            published pose get a computed one. So do all rigid objects, because some of their published poses overlap
+            the table.
     """
     if poses == "original" and isinstance(model, ArticulatedObject):
         pose = released_pose(model)
         if pose is not None:
-            # In some original poses the moving link overlaps the table, which blocks the joint at 400 N in SAPIEN 3,
-            # but not at 5 N in the original's SAPIEN 2; so the object is lifted.
+            # In some original poses the moving link overlaps the table. The overlap blocks the joint at 400 N in SAPIEN
+            # 3, but not at 5 N in the original's SAPIEN 2. Therefore the object is lifted.
             sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
             return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
     openness = 0.0 if isinstance(model, RigidObject) else model.default_openness

@@ -15,7 +15,7 @@ JOINT_SAMPLES = 13
 
 
 def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[Array]:
-    """Return an object's hulls at the joint position ``value``, each (N, 3) in the root frame, m."""
+    """Return the hulls of an object at the joint position ``value``, each (N, 3) in the root frame, metres."""
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
     moving = model.joint.child_link
@@ -24,7 +24,7 @@ def hulls_in_root(model: ArticulatedObject | RigidObject, value: float) -> list[
 
 
 def swept_points(model: ArticulatedObject | RigidObject) -> Array:
-    """Return the hull's vertices of the space that an object occupies over its joint's range.
+    """Return the vertices of the convex hull of the space that an object occupies over the range of its joint.
 
     Returns:
         (N, 3) points in the root frame, m.
@@ -79,7 +79,9 @@ def square(center: Array, half: float) -> Array:
 
 
 def gap_between(first: Array, second: Array) -> float:
-    """Return the gap (m) of convex outlines, negative if they overlap: the largest along edges' normals.
+    """Return the gap (m) between two convex outlines, negative if they overlap
+
+    It is the largest gap along an edge's normal.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.

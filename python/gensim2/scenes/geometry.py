@@ -18,17 +18,19 @@ INSIDE = "inside"
 
 
 def measured_link(model: Model) -> str:
-    """Return the link that the criteria measure: that of the last keypoint, or a rigid object's ``BODY``."""
+    """Return the link that the criteria measure: the link of the last keypoint, or ``BODY`` of a rigid object."""
     return list(model.keypoints.values())[-1].link if isinstance(model, ArticulatedObject) else BODY
 
 
 def is_container(model: Model) -> bool:
-    """Return whether objects can be put inside: the last keypoint's name contains "inside"."""
+    """Return whether other objects can be put inside. The last keypoint of a container has "inside" in its name."""
     return isinstance(model, ArticulatedObject) and INSIDE in list(model.keypoints)[-1]
 
 
 def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return lowest and highest corners (2, 3) of objects' boxes, world frame, m; of the measured link if articulated.
+    """Return the lowest and highest corner (2, 3) of each object's box in the world frame, metres.
+
+    The box of an articulated object encloses the measured link only.
 
     Args:
         poses: pose (4, 4) of each object's measured link (:func:`measured_link`) in the world frame.
@@ -43,7 +45,7 @@ def bounds_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[s
 
 
 def contents_of(models: Mapping[str, Model], poses: Mapping[str, Array]) -> dict[str, frozenset[str]]:
-    """Return for each container the rigid objects whose box has its centre inside.
+    """Return for each container the rigid objects whose boxes have their centres inside it.
 
     Args:
         poses: pose (4, 4) of each object's measured link in the world frame.

@@ -61,12 +61,14 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
     """Check that the robot can bring about a state that meets the goal.
 
     Args:
-        task: task whose goal (or last ``done``) and every ``done`` are checked, also for the kinds of objects.
+        task: task whose goal and ``done`` criteria are checked, also for the kinds of the objects; without a goal, the
+            last ``done`` is the goal.
         robot: robot profile, whose reach limits how far objects can be moved.
         placed: names of objects that reset options have placed; their distance to the goal is not checked.
 
     Raises:
-        GoalError: a criterion of the wrong kind of object, a contradiction, or a place beyond the robot's reach.
+        GoalError: a criterion is about the wrong kind of object, criteria contradict each other, or a place is beyond
+            the robot's reach.
     """
     for step in task.steps:
         _check_kinds(step.done, state, f"steps.{step.name}.done")
@@ -94,7 +96,7 @@ def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, pl
 
 
 def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
-    """Check that the goal is false in some initial state; else episodes would succeed without the robot.
+    """Check that the goal is false in some initial state. Otherwise episodes would succeed without the robot.
 
     Args:
         states: initial states; evaluation stops at the first state in which the goal is not reached.
@@ -136,7 +138,7 @@ def measured_pose(thing: PlacedObject) -> Array:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
-    """Check that criteria about joints have articulated objects, and criteria about poses rigid ones."""
+    """Check that criteria about joints name articulated objects, and criteria about poses rigid objects."""
     for criterion in criteria:
         for types, kind, other in (
             (JOINT, ArticulatedObject, "a rigid object, which has no joint"),
@@ -153,7 +155,7 @@ def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str)
 
 
 def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
-    """Return the exclusive lower and upper bound of a goal's criteria on an object's openness."""
+    """Return the exclusive bounds (lower, upper) that the criteria of a goal set for the openness of an object."""
     low, high = -np.inf, np.inf
     for criterion in criteria:
         if isinstance(criterion, ArticulatedOpen) and criterion.object == name:
@@ -173,8 +175,8 @@ def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robo
     along = np.array(DIRECTIONS[criterion.direction])
     across = np.array([-along[1], along[0]])
     offset = thing.position[:2] - base[:2]
-    # Accepted positions form a wedge: at least the distance in the direction, sideways at most half as far. Find its
-    # point closest to the base.
+    # The accepted positions form a wedge: they have at least the distance in the direction, and half as much sideways
+    # at most. Find the point of the wedge that is closest to the base.
     best = np.inf
     for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
         strayed = float(np.clip(-offset @ across, -way / 2, way / 2))

@@ -101,7 +101,7 @@ class InitialState:
 
     Attributes:
         objects: objects by name, in the task's order.
-        draws: number of samples until objects were apart, within reach and clear of the robot.
+        draws: number of samples until the objects were apart, within reach and clear of the robot.
         start: (n,) positions of all active joints of the robot at the start, rad or m.
     """
 
@@ -132,19 +132,19 @@ def sample_initial_state(
 ) -> InitialState:
     """Sample the initial state of a scene. Values given in ``options`` replace the sampled values.
 
-    If ``physics`` allows, placements are sampled up to ``MAX_DRAWS`` times, until the robot overlaps no object at its
-    start, and several objects are ``GAP`` apart (with the space of moving parts), within reach, and, if rigid, clear of
-    the robot's space. If this fails, other objects are chosen, up to ``MAX_CHOICES`` times. ``options`` stay fixed; a
-    random start of the robot is sampled again, too.
+    If ``physics`` allows, placements are sampled up to ``MAX_DRAWS`` times. In an accepted placement, the robot
+    overlaps no object at its start. Several objects are ``GAP`` apart, including the space of their moving parts, and
+    within reach, and rigid objects are clear of the robot's space. If no placement is accepted, other objects are
+    chosen, up to ``MAX_CHOICES`` times. ``options`` stay fixed. A random start of the robot is sampled again, too.
 
-    A second generator samples a preset's additional values, so that the task's values do not depend on them.
+    A second generator samples the additional values of a preset, so that the task's values do not depend on the preset.
 
     Args:
         task: task with the ranges.
         instances: ids to choose from, by object.
         seed: seed of the reset.
         options: checked reset options by object.
-        physics: physics settings, for default poses and repeated sampling.
+        physics: physics settings. They determine the default poses and whether placements are sampled repeatedly.
         randomization: preset, which scales the task's ranges and may randomize additional values.
 
     Raises:
@@ -198,7 +198,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """Sample a preset's factors on mass and friction of objects, and the robot's start configuration."""
+    """Sample the mass and friction factors of the objects and the start configuration of the robot for a preset."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")
@@ -315,7 +315,7 @@ class _Room:
 
     def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
-        # Default poses and placement ranges keep articulated objects away from the robot.
+        # Default poses and placement ranges already keep articulated objects away from the robot.
         if isinstance(thing.model, ArticulatedObject):
             return True
         if gap_between(outlines[name], square(self._base, self._base_half)) < GAP:
@@ -334,7 +334,7 @@ def clear_start(
     robot: RobotProfile,
     hulls: Sequence[Sequence[Array]],
 ) -> tuple[float, ...] | None:
-    """Return start joints at which the robot overlaps no object: ``start``, or else random ones.
+    """Return a start configuration in which the robot overlaps no object: ``start`` if possible, or else a random one.
 
     Args:
         generator: generator of the random joints; None: only ``start`` is tested.
@@ -374,7 +374,7 @@ ABOVE = 0.02
 
 
 def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -> PlacedObject | None:
-    """Lower an object from above its support's last keypoint, the measured one, until it touches.
+    """Lower an object from above the last keypoint of its support, which the criteria measure, until it touches.
 
     Args:
         thing: object in its resting pose on the table. The function changes only its height.
@@ -382,7 +382,7 @@ def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -
         above: height (m) above the keypoint, at which the movement starts.
 
     Returns:
-        The object; None if it does not fit above the keypoint or nothing below supports it.
+        The lowered object. None if the object does not fit above the keypoint or if nothing below supports it.
     """
     blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)

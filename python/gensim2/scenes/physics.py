@@ -1,8 +1,8 @@
 """Define names for physics settings, and select the engines that can simulate them.
 
-A name is a preset, ``default`` or ``original`` (the original GenSim2's), with changes such as
-``original+gripper=default``. It defines the physics completely, so records and workers have only the name; a file of
-settings is converted to one.
+A name is a preset, ``default`` or ``original`` (the original GenSim2), with changes such as
+``original+gripper=default``. It defines the physics completely, so records and workers keep only the name. A file of
+settings is converted to a name.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PhysicsSource = Literal["default", "original"]
 Gripper = Literal["default", "soft", "original"]
 Redraw = Literal["placement", "none"]
 Engine = Literal["sapien", "mujoco"]
-"""Engines: PhysX with ManiSkill's environments and renderer (``"sapien"``), or MuJoCo (``"mujoco"``)."""
+"""Physics engines: ``"sapien"`` is PhysX with ManiSkill's environments and renderer; ``"mujoco"`` is MuJoCo."""
 
 Engines = Literal["one", "both"]
 """Whether a verification is simulated in one engine or in both."""
@@ -39,20 +39,28 @@ _EXTRAS: Mapping[Engine, str] = {"sapien": "sim", "mujoco": "mujoco"}
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """Settings of a scene's physics: gensim2's default or the original GenSim2's value of each.
+    """Settings of a scene's physics. Each setting has the value of gensim2 (default) or of the original GenSim2.
 
     Most settings have the value ``"default"`` or ``"original"``. The values mean:
 
     Attributes:
-        joint_friction: joints' resistance. Default: Coulomb and damping. Original: the class's coefficient times load.
-        densities: masses. Default: stored with the object. Original: volume of the hulls times a density of the class.
-        materials: friction and restitution. Default: separate for pads, rigid objects, others. Original: one.
-        solver: physics solver. Default: settings and contact offsets of the engine. Original: GenSim2's PhysX settings.
-        poses: poses before randomization. Default: from the geometry. Original: as published by GenSim2.
-        gripper: finger drives. Default: the robot's. Original: GenSim2's. ``"soft"``: hold with its solver.
-        hulls: collision hulls of real objects. Default: cavities stay open. Original: each connected part's hull.
-        redraw: if objects do not fit: ``"placement"``: sample again until all fit; ``"none"``: use the first.
-        criteria_rate: evaluation of steps' criteria for ``paper``. Default: every control step. Original: every 0.85 s.
+        joint_friction: resistance of joints. Default: Coulomb friction and damping. Original: coefficient of the class
+            times the load.
+        densities: source of masses. Default: mass stored with the object. Original: volume of the hulls times the
+            density of the class.
+        materials: friction and restitution. Default: separate values for pads, rigid objects and other bodies.
+            Original: one value for all.
+        solver: solver settings. Default: solver settings and contact offsets of the engine. Original: PhysX settings of
+            GenSim2.
+        poses: poses before randomization. Default: computed from the geometry. Original: published by GenSim2.
+        gripper: drives of the fingers. Default: drives of the robot. Original: drives of GenSim2. ``"soft"``: drives
+            that hold objects with GenSim2's solver.
+        hulls: collision hulls of real objects. Default: hulls that keep cavities open. Original: one hull for each
+            connected part.
+        redraw: reaction to objects that do not fit. ``"placement"``: sample again until all fit; ``"none"``: use the
+            first sample.
+        criteria_rate: interval between evaluations of the steps' criteria for ``paper``. Default: every control step.
+            Original: 0.85 s.
     """
 
     joint_friction: PhysicsSource = "default"
@@ -98,7 +106,7 @@ def physics_switches(word: str) -> PhysicsSwitches:
     """Return the physics settings that a name stands for.
 
     Args:
-        word: preset and ``+setting=value`` for each change, such as ``original+gripper=default``.
+        word: preset, followed by ``+setting=value`` for each change, such as ``original+gripper=default``.
 
     Raises:
         InputError: a preset, setting or value is unknown.
@@ -115,7 +123,8 @@ def physics_name(word: object, redraw: str | None = None) -> str:
     """Return the normalized name of the physics settings that a user gave on the command line or in Python.
 
     Args:
-        word: name as for :func:`physics_word`, or a YAML or JSON file, whose ``base`` is the preset of other settings.
+        word: name as for :func:`physics_word`, or a YAML or JSON file. In a file, ``base`` is the preset for the
+            missing settings.
         redraw: value of the setting ``redraw``. With None the value in ``word`` is kept.
 
     Raises:
@@ -207,7 +216,7 @@ def check_engine(engine: object, physics: str = DEFAULT_PHYSICS) -> Engine:
 
 
 def with_current_scene(record: Any) -> Any:
-    """Convert an older version's scene description: current names of settings, and an engine."""
+    """Convert the scene description of an older version: use the current names of settings, and add the engine."""
     if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
         return {"engine": DEFAULT_ENGINE, **record, "physics": current(word, _RENAMED, "physics")}
     return record

@@ -18,7 +18,7 @@ LIGHTEST, HEAVIEST = 0.5, 2.0
 SLIPPERIEST, ROUGHEST = 0.5, 2.0
 """Minimum and maximum factor on contact friction in the ``wide`` preset."""
 LOOSEST, STIFFEST = 0.8, 2.0
-"""Extremes of the ``wide`` preset's factor on joint friction; below 0.77 lids would fall by themselves."""
+"""Extreme factors on joint friction in the preset ``wide``. Lids would fall by themselves with factors below 0.77."""
 START_SPREAD = 0.1
 """Maximum offset (rad) of each arm joint from its start in the ``wide`` preset."""
 
@@ -48,7 +48,7 @@ class Factors:
     Attributes:
         mass: factor on masses and inertias of all links.
         contact_friction: factor on static and dynamic friction of all surfaces.
-        joint_friction: factor on friction and damping, besides ``mass``; 1 if rigid.
+        joint_friction: factor on friction and damping, in addition to ``mass``; 1 for rigid objects.
     """
 
     mass: float = 1.0
@@ -62,7 +62,7 @@ AS_IT_IS = Factors()
 def draw_object(
     generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
 ) -> Draw:
-    """Sample an object's values, always with five random numbers, whatever the ranges are."""
+    """Sample the values of an object. The number of random values is always five, whatever the ranges are."""
     # One random number selects the instance, so that later samples do not depend on the number of instances.
     instance = instances[int(generator.random() * len(instances))]
     x, y, yaw = _placement(generator, ranges, preset)
@@ -93,7 +93,10 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Sample log-uniform factors, always with three random numbers, also without a joint."""
+    """Sample factors from log-uniform distributions
+
+    The number of random values is always three, also without a joint.
+    """
     mass, contact, joint = (
         float(np.exp(generator.uniform(np.log(low), np.log(high))))
         for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
@@ -102,7 +105,7 @@ def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
 
 
 def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
-    """Sample the start positions of active joints: uniform offsets of arm joints, clipped to the limits."""
+    """Sample a start configuration (n,): add uniform offsets to the arm joints and clip them to the joint limits."""
     size = robot.arm_size
     start = np.array(robot.reset_qpos)
     start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)
@@ -111,7 +114,7 @@ def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[flo
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:
-    """Return an object's openness at the reset: mean plus sampled offset, clipped to 0..1.
+    """Return the openness of an object at the reset: the mean plus the sampled offset, clipped to 0..1.
 
     The task may give the mean openness in ``ranges``. Otherwise it is ``default_openness``, the value of the object.
     """

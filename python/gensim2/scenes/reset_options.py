@@ -23,13 +23,14 @@ ObjectOptions = Mapping[str, Any]
 
 
 def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
-    """Check all reset options; return gensim2's by object. ManiSkill reads its own.
+    """Check all reset options and return gensim2's own options by object. ManiSkill reads its own options itself.
 
     Args:
-        options: values by option; gensim2's are mappings from object names, or plain with a single object.
+        options: values by option. A value of gensim2's options is a mapping from object names, or a plain value if the
+            task has one object.
 
     Raises:
-        InputError: an unknown option or object, or an invalid value, which the message names.
+        InputError: an option or object is unknown, or a value is invalid; the message names it.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, but is {options!r}", field="options")

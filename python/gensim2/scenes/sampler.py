@@ -23,8 +23,8 @@ class SceneSampler:
     """Samples the initial states of one task by seed, in the same way in every environment.
 
     Args:
-        task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`, with which
-            no other argument is needed.
+        task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`. A
+            ``SceneConfig`` allows no other argument.
 
     Attributes:
         task: spec of the task.
@@ -76,13 +76,13 @@ class SceneSampler:
         return state
 
     def _drawn(self, first: InitialState) -> Iterator[InitialState]:
-        """Yield ``first``, then the states of ``GOAL_SEEDS``, each sampled only on request."""
+        """Yield ``first``, then the states of ``GOAL_SEEDS``. Each state is sampled only on request."""
         yield first
         nothing = read_options(None, tuple(self.task.objects))
         for seed in GOAL_SEEDS:
             try:
                 state = self._draw(seed, nothing)
-            # A seed without a placement says nothing about the goal; a reset with it reports the error.
+            # A seed without a placement says nothing about the goal. A reset with this seed reports the error.
             except PlacementError:
                 continue
             yield state

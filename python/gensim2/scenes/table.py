@@ -16,7 +16,10 @@ _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78,
 
 @dataclass(frozen=True)
 class Box:
-    """Visible part of table or floor: an axis-aligned box (m, frame at the table top's centre) with a colour."""
+    """Visible part of the table or the floor: an axis-aligned box with a colour.
+
+    Lengths are in metres, in the frame at the centre of the table top.
+    """
 
     center: tuple[float, float, float]
     half_size: tuple[float, float, float]

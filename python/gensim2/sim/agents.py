@@ -53,7 +53,7 @@ def register(profile: RobotProfile) -> None:
 
 
 class ProfileAgent(BaseAgent):  # type: ignore[misc]
-    """ManiSkill agent of a profile, with the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
+    """ManiSkill agent of a robot profile. It has the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
 
     profile: ClassVar[RobotProfile]
 
@@ -92,7 +92,7 @@ class ProfileAgent(BaseAgent):  # type: ignore[misc]
         return modes
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        """Load the robot as ManiSkill does; fixed tendons couple mimic joints only if the profile says so."""
+        """Load the robot as ManiSkill does. Fixed tendons couple mimic joints only if the profile says so."""
         loader = self.scene.create_urdf_loader()
         loader.name, loader.fix_root_link = self.uid, self.fix_root_link
         sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(self.urdf_config))

@@ -1,4 +1,4 @@
-"""Build the headless environment's robot and drive it as ManiSkill's ``pd_joint_pos`` does."""
+"""Build the robot of the headless environment and drive it as ManiSkill's ``pd_joint_pos`` does."""
 
 from __future__ import annotations
 

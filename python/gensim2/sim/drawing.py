@@ -12,7 +12,9 @@ from gensim2.sim.driver import renderer
 
 
 def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
-    """Return an object that draws recorded states: MuJoCo's renderer for its working engine, else the ray caster.
+    """Return an object that draws recorded states.
+
+    It is MuJoCo's renderer if MuJoCo is the engine and its renderer works, and the ray caster otherwise.
 
     Args:
         objects: objects by name, in the task's order.

@@ -55,8 +55,8 @@ def renderer(engine: Engine) -> Renderer:
 def can_render() -> bool:
     """Return whether SAPIEN is installed and a Vulkan driver works in this process.
 
-    ``sapien.Device("cpu")`` succeeds without a driver, so this creates an object that needs one; at first in less than
-    0.1 s, with 80 MB.
+    ``sapien.Device("cpu")`` also succeeds without a driver, so this function creates an object that needs one. The
+    first call takes less than 0.1 s and 80 MB.
     """
     if find_spec("sapien") is None:
         return False
@@ -75,7 +75,7 @@ def can_render() -> bool:
 def gl_context(width: int, height: int) -> Any:
     """Return an OpenGL context without a display for MuJoCo's renderer, through EGL or OSMesa.
 
-    MuJoCo's variable ``MUJOCO_GL`` selects ``egl`` or ``osmesa``; default: EGL if installed.
+    MuJoCo's environment variable ``MUJOCO_GL`` selects ``egl`` or ``osmesa``. The default is EGL if it is installed.
 
     Args:
         width, height: largest size of a picture, pixels.
@@ -97,7 +97,7 @@ def gl_context(width: int, height: int) -> Any:
 
 
 def _platform() -> str:
-    """Return the OpenGL platform: the user's choice, or the first with an installed library."""
+    """Return the OpenGL platform that the user chose, or the first one whose library is installed."""
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen in GL_LIBRARIES:
         return chosen

@@ -56,7 +56,10 @@ class EngineScene(Protocol):
         """Return the total contact force (N) on the robot in the last step."""
 
     def robot_state(self) -> Row:
-        """Return the state (13 + 2 n,) in ManiSkill's format: root pose and velocities, joint positions, velocities."""
+        """Return the robot's state (13 + 2 n,) in ManiSkill's format
+
+        It has the root's pose and velocities, then the joints' positions and velocities.
+        """
 
     def snapshot(self) -> tuple[Array, str]:
         """Return the full physics state, and a hash that identifies the scene to which the state belongs.

@@ -47,7 +47,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
     """Build an object at its initial pose.
 
     Raises:
-        InputError: the engine built other collision shapes or another joint than the files define.
+        InputError: the engine built collision shapes or a joint that differ from the object's files.
     """
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
@@ -65,7 +65,7 @@ def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: P
 def spare_imports_from_collection() -> None:
     """Exempt all existing Python objects, such as imported modules, from garbage collection, once in each process.
 
-    ManiSkill collects garbage at every reset: with the exemption in 2 ms instead of 180 ms.
+    ManiSkill collects garbage at every reset. The exemption shortens this from 180 ms to 2 ms.
     """
     gc.collect()
     gc.freeze()
@@ -75,27 +75,30 @@ class GenSim2Env(RaycastObservations):
     """ManiSkill environment in which a robot stands at a table with the objects of a task.
 
     Physics and control run on the CPU at the robot's rates. By default PhysX uses the TGS solver and persistent
-    manifolds, with 15 position and 1 velocity iterations. Every reset rebuilds the scene, so a seed gives the same
-    scene and the same actions the same states, in any process, with or without images.
+    manifolds, with 15 position iterations and 1 velocity iteration. Every reset rebuilds the scene. Therefore a seed
+    always gives the same scene, and the same actions give the same states, in any process, with or without images.
 
     An action of the default control mode ``pd_joint_pos`` is an array (m + 1,). It contains the targets of the m arm
     joints in rad (the Panda has 7), and then the gripper command from -1 (closed) to 1 (open).
 
     Args:
         task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: a mode of ManiSkill, or ``"raycast"``, without a renderer: arrays of an
+        obs_mode: a mode of ManiSkill, or ``"raycast"``, which needs no renderer and gives the arrays of an
             :class:`~gensim2.perception.Observation` by name (docs/guides/observations.md).
         observation: an :class:`~gensim2.perception.ObservationSpec` or its fields, for the mode ``"raycast"``.
-        reward_mode: ``"sparse"`` (default: 1 at the goal, else 0), ``"normalized_dense"`` (0 to 1, rising with each
-            completed step; evaluate it exactly once in each control step, because it records these), or ``"none"``.
-        render_backend: ``"auto"``: a renderer only if observations or ``render_mode`` need one and a driver works.
-        kwargs: of :class:`~gensim2.scenes.config.SceneArguments` and ManiSkill's ``BaseEnv``; ``robot_uids`` follows
-            from ``robot``. A reset chooses from ``instances``: an id is for the first object whose class has several, a
-            mapping for named objects; numbers up to 10^6 select generated objects.
+        reward_mode: ``"sparse"`` (default): 1 at the goal, else 0. ``"normalized_dense"``: 0 to 1, rising with each
+            completed step; evaluate it exactly once in each control step, because the evaluation records completed
+            steps. ``"none"``: no reward.
+        render_backend: ``"auto"`` starts a renderer only if observations or ``render_mode`` need one and a driver
+            works.
+        kwargs: arguments of :class:`~gensim2.scenes.config.SceneArguments` and of ManiSkill's ``BaseEnv``;
+            ``robot_uids`` follows from ``robot``. A reset chooses from ``instances``: an id is for the first object
+            whose class has several instances, and a mapping is for named objects. Numbers up to 10^6 select generated
+            objects.
 
     Reset options replace random values: ``instance`` (id), ``openness`` (0 to 1), ``offset`` (x, y, yaw from the
-    default pose), ``pose`` (root in the world: x, y, z, qw, qx, qy, qz). With several objects each is a mapping from
-    object names.
+    default pose) and ``pose`` (root in the world: x, y, z, qw, qx, qy, qz). If the task has several objects, each value
+    is a mapping from object names.
 
     Raises:
         InputError: an argument or a reset option is invalid.
@@ -163,7 +166,7 @@ class GenSim2Env(RaycastObservations):
                 sim_backend="physx_cpu",
                 render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                # In the mode ``raycast`` this class computes the observations, not ManiSkill.
+                # In the mode ``raycast`` this class computes the observations instead of ManiSkill.
                 obs_mode=obs_mode if self._seen is None else "none",
                 render_mode=render_mode,
                 reward_mode=reward_mode,
@@ -189,7 +192,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """Spec of ``gym.make``, with an id that names this module and so works in any process."""
+        """Spec of ``gym.make``. Its id names this module, so it works in any process."""
         return self._spec
 
     @spec.setter
@@ -225,7 +228,7 @@ class GenSim2Env(RaycastObservations):
         self._require_open()
         read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
-        # gymnasium's convention: seed the environment's generator, which is not used here.
+        # gymnasium expects that ``seed`` seeds the environment's generator, which is not used here.
         if seed is not None:
             self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
@@ -283,7 +286,7 @@ class GenSim2Env(RaycastObservations):
         return read_scene(self._robot, self.parts)
 
     def evaluate(self) -> dict[str, Any]:
-        """Return ``success`` (1,) and each articulated object's ``openness`` (1,)."""
+        """Return ``success`` (1,) and the ``openness`` (1,) of each articulated object."""
         measured = self.measure()
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),
@@ -300,7 +303,7 @@ class GenSim2Env(RaycastObservations):
         return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Execute a control step; ``truncated`` from step ``max_episode_steps`` on.
+        """Execute a control step. ``truncated`` is true from step ``max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

@@ -12,9 +12,9 @@ from gensim2.robots import JointDrive, RobotProfile
 class Transmission:
     """Object that moves the gripper joints that have no motor: follower joints and passive joints.
 
-    A follower joint is coupled to a motor's joint: before every physics step this class sets its drive's target from
-    that joint. PhysX's tendons add radians to metres, so they cannot couple revolute with prismatic joints. Springs
-    pull passive joints to 0.
+    The transmission couples a follower joint to the joint of a motor: before every physics step it sets the target of
+    the follower's drive from the motor's joint. PhysX's tendons add radians to metres, so they cannot couple revolute
+    with prismatic joints. Springs pull passive joints to 0.
 
     Args:
         robot: robot in the simulation.
@@ -49,7 +49,7 @@ def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[
         InputError: the physics engine orders the joints differently from the profile.
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
-    # Compare name ends, because ManiSkill prefixes names of scene and robot.
+    # Compare only the ends of the names, because ManiSkill prefixes the names of scene and robot.
     if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
             f"the profile's joints must be in SAPIEN's order, which is {', '.join(joint.name for joint in built)}",

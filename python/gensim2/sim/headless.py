@@ -1,7 +1,7 @@
 """Simulate a task in a physics engine without ManiSkill's environment. Only the selected engine is imported.
 
-With SAPIEN, bodies, their order and so all states are those of :class:`~gensim2.sim.env.GenSim2Env`, but faster: no
-batched tensors or rewards, and observations only on request.
+With SAPIEN, the bodies, their order and therefore all states are the same as in :class:`~gensim2.sim.env.GenSim2Env`.
+This environment is faster: it has no batched tensors or rewards, and computes observations only on request.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ class Snapshot:
 class HeadlessEnv(SceneAccessMixin):
     """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
 
-    ``sapien`` (default) gives :class:`~gensim2.sim.env.GenSim2Env`'s states; ``mujoco`` needs no SAPIEN or PyTorch.
+    The engine ``sapien`` (default) gives the same states as :class:`~gensim2.sim.env.GenSim2Env`. The engine ``mujoco``
+    needs neither SAPIEN nor PyTorch.
 
     Example:
         ```python
@@ -74,8 +75,8 @@ class HeadlessEnv(SceneAccessMixin):
 
     Args:
         task: library task, :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
-        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses from ``instances``; an id is for the
-            first object whose class has several, a mapping for named objects.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset chooses from ``instances``: an id is for the
+            first object whose class has several instances, and a mapping is for named objects.
 
     Raises:
         InputError: an argument is invalid.
@@ -89,7 +90,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
         self.engine, self.physics = sampler.engine, physics_switches(sampler.physics)
         self.instance_ids = sampler.instances
-        # Seed and initial state of the last reset without options, for a reset with the same seed.
+        # Seed and initial state of the last reset without options. Another reset with this seed uses the state again.
         self._drawn: tuple[int, InitialState] | None = None
         self.seed = 0
         self.elapsed_steps = 0
@@ -148,7 +149,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._advance()
 
     def substep(self, action: npt.ArrayLike) -> None:
-        """Execute one of a control step's physics steps, for simulated sensors that are read more often.
+        """Execute one of the physics steps of a control step, for simulated sensors that are read more often.
 
         Args:
             action: as for :meth:`step`.
@@ -189,7 +190,9 @@ class HeadlessEnv(SceneAccessMixin):
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a snapshot, maybe of another process, after :meth:`reset` with its seed and options.
+        """Continue from a snapshot after :meth:`reset` with the same seed and options
+
+        Another process may have made it.
 
         Raises:
             InputError: the engine cannot restore states, or the snapshot belongs to another scene.
@@ -199,7 +202,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps, self._command = snapshot.elapsed_steps, snapshot.command
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
-        """Move an object suddenly, as by a bump; :attr:`initial_state` keeps its pose at the reset.
+        """Move an object suddenly, as a bump would. :attr:`initial_state` keeps the object's pose at the reset.
 
         Args:
             name: name of the object.
@@ -247,7 +250,8 @@ class HeadlessEnv(SceneAccessMixin):
     def state(self) -> dict[str, dict[str, Row]]:
         """Return the state of all bodies in the form of ManiSkill's ``env_states``.
 
-        A rigid body's state has pose (7,) and velocities (6,); an articulation's those of its root and of its joints.
+        The state of a rigid body has its pose (7,) and velocities (6,). The state of an articulation has those of its
+        root and of its joints.
         """
         assert self._reader
         found: dict[str, dict[str, Row]] = {
@@ -262,7 +266,7 @@ class HeadlessEnv(SceneAccessMixin):
         """Return the observation of this instant; the same state, spec and seed give the same bytes.
 
         Args:
-            spec: observation spec; colours (``rgb``) need a second scene with a renderer and 2 GB.
+            spec: observation spec. Colours (``rgb``) need a second scene with a renderer, which takes 2 GB.
 
         Raises:
             EmptyCloudError: the point cloud is empty.
@@ -305,8 +309,9 @@ class HeadlessEnv(SceneAccessMixin):
     def observation(self, tool: bool = True) -> Row:
         """Return the state observation, a vector (D,).
 
-        The vector has the robot's joints, their velocities and the tool pose; then, in the task's order, each
-        articulated object's openness, joint position, root pose and moving link's pose, or a rigid object's pose.
+        The vector has the robot's joint positions, joint velocities and tool pose. For each object in the task's order
+        follow openness, joint position, root pose and pose of the moving link if it is articulated, or its pose if it
+        is rigid.
 
         Args:
             tool: whether to compute the pose of the tool. If False, the vector contains NaN instead of the pose.

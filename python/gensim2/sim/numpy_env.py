@@ -1,4 +1,4 @@
-"""Provide a gymnasium environment without ManiSkill; observations are arrays without a batch axis."""
+"""Provide a gymnasium environment without ManiSkill. Its observations are arrays without a batch axis."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class NumpyEnv(gym.Env[Any, npt.NDArray[np.float32]]):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, its fields, or a :class:`~gensim2.scenes.config.SceneConfig`.
-        obs_mode: ``"state"``: (D,) float32; ``"raycast"``: arrays of an :class:`~gensim2.perception.Observation`.
+        obs_mode: ``"state"`` gives a vector (D,) of float32; ``"raycast"`` gives the arrays of an
+            :class:`~gensim2.perception.Observation`.
         observation: :class:`~gensim2.perception.ObservationSpec` or its fields, for ``"raycast"``.
         reward_mode: ``"sparse"`` (1 if the goal is reached, else 0) or ``"normalized_dense"`` (0 to 1).
         render_mode: ``"rgb_array"`` or None. Pictures come from the engine's renderer. If that renderer does not work,

@@ -26,7 +26,9 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
 
 
 HULL_TOLERANCE = 0.002
-"""Distance (m) by which a shape may exceed its hull or silently fall short; SAPIEN turns flat hulls into boxes."""
+"""Distance (m) by which a shape may exceed its hull or fall short of it without a warning. SAPIEN turns flat hulls into
+boxes.
+"""
 
 HULL_LOSS = 0.25
 """Maximum fraction of a hull's longest side that PhysX's cooking may cut off with a warning.
@@ -40,10 +42,10 @@ def load_object(
     name: str = "object",
     physics: Physics = DEFAULT,
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build an articulated object fixed at ``pose`` (world frame), its joint without friction or damping.
+    """Build an articulated object whose base is fixed at ``pose`` (world frame). Its joint has no friction or damping.
 
     Returns:
-        The articulation, and a warning for each hull that PhysX shrank in preprocessing ("cooking").
+        The articulation, and a warning for each hull that PhysX shrank while preprocessing it ("cooking").
 
     Raises:
         InputError: SAPIEN dropped or replaced a collision hull, or the joint differs from the instance's joint.
@@ -117,7 +119,7 @@ def check_object(articulation: physx.PhysxArticulation, instance: ArticulatedObj
 
 
 def _joint_name(joint: physx.PhysxArticulationJoint) -> str:
-    """Return a joint's name in its URDF file, without the prefix that ManiSkill puts before it."""
+    """Return the name of a joint in its URDF file, without the prefix that ManiSkill adds."""
     prefix = joint.child_link.name.removesuffix(link_name(joint.child_link))
     return str(joint.name.removeprefix(prefix))
 
@@ -137,7 +139,8 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
     """Compare the bounding boxes of a collision shape and of the hull (N, 3) from which PhysX made the shape.
 
     Returns:
-        Two distances (m), largest over the boxes' sides: how far the shape falls short of the hull, and exceeds it.
+        The distance by which the shape falls short of the hull, and the distance by which it exceeds the hull, each the
+        largest over the sides of their boxes.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
@@ -145,7 +148,9 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 
 
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
-    """Return whether the engine's shape fits a hull: larger by a fixed tolerance, smaller by a fraction of its size.
+    """Return whether the engine's shape fits a hull
+
+    It may be larger by a fixed tolerance and smaller by a fraction of its size.
 
     Args:
         hull: (N, 3) corners of the hull, m.

@@ -1,4 +1,4 @@
-"""Compute observations: ManiSkill's with object poses, or this package's by ray casting."""
+"""Compute ManiSkill's observations with object poses, or observations of this package by ray casting."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RAYCAST = "raycast"
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Mixin for ``obs_mode="raycast"``; ``_seen`` is the spec in this mode and None in all others."""
+    """Mixin for ``obs_mode="raycast"``. ``_seen`` is the observation spec in this mode and None in other modes."""
 
     profile: RobotProfile
     task: TaskSpec
@@ -66,7 +66,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
         return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """Return ManiSkill's observation, or with ``"raycast"`` the arrays of :meth:`observe`, batch axis 1."""
+        """Return ManiSkill's observation, or with ``"raycast"`` the arrays of :meth:`observe` with a batch axis."""
         if self._seen is None:
             return super().get_obs(info, unflattened)
         return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

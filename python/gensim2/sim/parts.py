@@ -27,10 +27,10 @@ Value = TypeVar("Value")
 
 
 class LazyMapping(Mapping[str, Value], Generic[Value]):
-    """Mapping that computes all its values at the first access, so that an unread one costs no time.
+    """Mapping that computes all its values at the first access. A mapping that is never read costs no time.
 
     Args:
-        work_out: function that computes all values from stored data, because the simulator may have moved on.
+        work_out: function that computes all values from stored data, because the simulator may have moved on by then.
     """
 
     def __init__(self, work_out: Callable[[], Mapping[str, Value]]) -> None:
@@ -91,7 +91,10 @@ class ArticulatedPart(ABC):
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Move the object by dx, dy (m, world frame) and rotate it by dyaw (rad) about its root's vertical axis."""
+        """Move the object by dx and dy (m, world frame)
+
+        Rotate it by dyaw (rad) about the vertical axis through its root.
+        """
 
     @property
     @abstractmethod
@@ -117,7 +120,7 @@ class ArticulatedPart(ABC):
 
     @property
     def openness(self) -> float:
-        """Joint position as a share of its range, (q - lower) / (upper - lower); may lie slightly outside 0..1."""
+        """Joint position as a share of its range, (q - lower) / (upper - lower). It may lie slightly outside 0..1."""
         joint = self.model.joint
         return (float(self.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 
@@ -213,19 +216,19 @@ class RigidPart(ABC):
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Move the object by dx, dy (m, world frame) and turn it by dyaw (rad) about the vertical; stop it."""
+        """Move the object by dx and dy (m, world frame), rotate it by dyaw (rad) about the vertical, and stop it."""
 
     @abstractmethod
     def frame(self) -> Frame:
         """Return the pose of the body at this instant."""
 
     def measured_frame(self) -> Frame:
-        """Return the pose of the keypoints' frame: a rigid object's only body."""
+        """Return the pose of the frame of the keypoints, which is the only body of a rigid object."""
         return self.frame()
 
     @abstractmethod
     def velocities(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-        """Return the velocities (3,) of the centre of mass, m/s, and of rotation, rad/s, in the world frame."""
+        """Return the velocity (3,) of the centre of mass and the angular velocity (3,), m/s and rad/s, world frame."""
 
     @property
     @abstractmethod

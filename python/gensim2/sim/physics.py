@@ -1,6 +1,7 @@
 """Apply the physics settings of a scene. Each setting has a default value and the value of the original GenSim2.
 
-PhysX parameters, resistance, masses, materials and drives; both environments share one :class:`Physics`.
+The module sets PhysX parameters, joint resistance, masses, materials and drives. Both environments use
+:class:`Physics`.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ class Physics:
         )
 
     def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
-        """Return a PhysX system with these settings and the robot's physics rate, made as in ManiSkill."""
+        """Return a PhysX system with these settings and the physics rate of the robot, created as ManiSkill does."""
         scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
@@ -110,7 +111,7 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """Set contact offsets and finger drives in a scene with rigid objects, after all bodies are built.
+        """Set contact offsets and finger drives in a scene with rigid objects. Call this after all bodies are built.
 
         Args:
             system: PhysX system of the scene.
@@ -143,13 +144,13 @@ class Physics:
                     shape.set_physical_material(material)
         drive = profile.finger_drive
         if self.switches.gripper == "soft":
-            # Soft drives damp no more than the profile's; panda_long has the original's, without damping.
+            # Soft drives have at most the damping of the profile. The panda_long has the original's, which is zero.
             _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
         elif self.switches.gripper == "original":
             _drive_fingers(robot, profile, **self._constants.fingers)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Make a URDF loader compute masses from class densities if ``densities`` is ``"original"``."""
+        """Make a URDF loader compute masses from the densities of classes if ``densities`` is ``"original"``."""
         if self.switches.densities == "default":
             return
         loader.set_density(self._constants.density(asset_class))
@@ -168,7 +169,8 @@ class Physics:
         if self.switches.joint_friction == "original":
             coefficient = self._constants.joint_friction(instance.asset_class)
             return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-        # Friction holds the joint against gravity, which grows with the mass, so it gets the same factor.
+        # Friction holds the joint against gravity, which grows with the mass. Therefore friction gets the factor of the
+        # mass.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
         return CoulombFriction(
@@ -189,17 +191,18 @@ class Physics:
 
 
 class CoulombFriction:
-    """Coulomb friction, ``joint.friction`` N m (N if sliding), and viscous damping of a joint.
+    """Coulomb friction, ``joint.friction`` in N m (N if sliding), and viscous damping of a joint.
 
-    PhysX's own joint friction, a coefficient times the load, sets no torque up to which a joint rests: at coefficient
-    1, a 0.3 kg lid with 0.26 N m of gravity moves 0.23 rad in 5 s. SAPIEN's default of 0.05 doubles a moving lid's
-    resistance, so it is set to 0.
+    PhysX's own joint friction is a coefficient times the load, so it does not define a torque up to which a joint
+    rests. With coefficient 1, a lid of 0.3 kg with a gravity torque of 0.26 N m moves 0.23 rad in 5 s. SAPIEN's default
+    of 0.05 doubles the resistance of a moving lid, so it is set to 0.
 
-    Instead, a velocity drive with target zero and the friction as its force limit brakes the joint, as Coulomb friction
-    does above ``CREEP_SPEED``. With a limit of 0.5 N m the same lid moves less than 0.0002 rad in 5 s, rests at 0.98
-    times the limit, and at 1.1 times reaches after 0.1 s the speed of the excess torque within 1 %.
+    Instead, a velocity drive brakes the joint. Its target is zero and its force limit is the friction, so above
+    ``CREEP_SPEED`` it acts as Coulomb friction does. With a limit of 0.5 N m the same lid moves less than 0.0002 rad in
+    5 s. It rests at 0.98 times the limit. At 1.1 times the limit, after 0.1 s it has the speed of the excess torque
+    within 1 %.
 
-    Damping at the current speed is added to the force limit; a drive only brakes, so it reverses no motion.
+    The damping at the current speed is added to the force limit. A drive only brakes, so it reverses no motion.
     """
 
     def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:
@@ -225,7 +228,7 @@ class CoulombFriction:
 
 
 class CoefficientFriction:
-    """PhysX's own joint friction: a coefficient times the load; the joint's drive and damping become zero."""
+    """PhysX's own joint friction: a coefficient times the load. The drive and the damping of the joint become zero."""
 
     def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:
         for active in articulation.active_joints:

@@ -16,7 +16,7 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Renders recorded states as seen by the environment's cameras; rebuilds the scene only for new objects.
+    """Renderer of recorded states as the environment's cameras see them. It rebuilds the scene only for new objects.
 
     Args:
         config: settings of the scenes.

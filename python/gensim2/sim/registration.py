@@ -29,7 +29,7 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
 
 def env_id(task: TaskSpec) -> str:
-    """Return a task's environment id for ``gym.make``, valid in any process with gensim2.
+    """Return the environment id of a task for ``gym.make``. It is valid in any process that can import gensim2.
 
     Each task of the package has an id; any other task uses ``GenSim2-Task-v1`` with the spec as an argument.
 
@@ -59,14 +59,17 @@ def make_env(
 
     Args:
         task: name of a library task, a spec, or its fields.
-        engine: ``"sapien"`` (ManiSkill) or ``"mujoco"`` (NumPy, no batch axis); default: SAPIEN if installed.
-        numpy: whether a ManiSkill environment returns NumPy values without a batch axis, as MuJoCo's always do.
+        engine: ``"sapien"`` (ManiSkill) or ``"mujoco"`` (NumPy, without a batch axis). Default: SAPIEN if it is
+            installed.
+        numpy: whether a ManiSkill environment returns NumPy values without a batch axis, as a MuJoCo environment always
+            does.
         kwargs: keyword arguments of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env` or
             :class:`~gensim2.sim.numpy_env.NumpyEnv`, for example ``assets``, ``instances``, ``physics``, ``robot``,
             ``randomization``, ``obs_mode`` and ``reward_mode``.
 
     Returns:
-        The environment, with a :class:`~gensim2.sim.env.GenSim2Env` or :class:`~gensim2.sim.numpy_env.NumpyEnv` inside.
+        The environment, which wraps a :class:`~gensim2.sim.env.GenSim2Env` or a
+        :class:`~gensim2.sim.numpy_env.NumpyEnv`.
 
     Raises:
         InputError: the task or an argument is unknown.
@@ -92,7 +95,7 @@ def make_vec_env(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Create several environments of a task as one vector environment.
 
-    As ``gymnasium.make_vec``, of single environments as by :func:`make_env` with ``numpy=True``.
+    Create a vector environment of single environments, each as made by :func:`make_env` with ``numpy=True``.
 
     Example:
         ```python
@@ -103,7 +106,8 @@ def make_vec_env(
     Args:
         task: as for :func:`make_env`.
         num_envs: number of environments, n.
-        vectorization_mode: ``"async"`` (a process each), ``"sync"``, or ``"thread"`` (a thread each, ``mujoco``).
+        vectorization_mode: ``"async"`` (one process each), ``"sync"``, or ``"thread"`` (one thread each, ``mujoco``
+            only).
         engine: as for :func:`make_env`.
         vector_kwargs: keyword arguments of gymnasium's vector class.
         wrappers: functions that wrap each environment; the first one is the innermost.
@@ -136,7 +140,7 @@ def make_vec_env(
     )
     spec = envs.unwrapped.spec
     assert spec is not None, "gymnasium describes what it makes"
-    # gymnasium passes these arguments on without storing them in the vector environment's spec.
+    # gymnasium passes these arguments on, but does not store them in the spec of the vector environment.
     for name in ("max_episode_steps", "disable_env_checker"):
         if kwargs.get(name) is not None:
             setattr(spec, name, kwargs[name])

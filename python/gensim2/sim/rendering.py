@@ -31,7 +31,10 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Light the scene as a room: ambient light and two lights from above, the brighter with ``shadows``."""
+    """Light the scene like a room, with ambient light and two lights from above
+
+    ``shadows`` is for the brighter one.
+    """
     scene.set_ambient_light([0.38, 0.38, 0.4])
     scene.add_directional_light(
         [0.5, -0.8, -1.3], [1.1, 1.08, 1.0], shadow=shadows, shadow_scale=1.5, shadow_map_size=2048
@@ -74,8 +77,10 @@ def video_camera() -> CameraConfig:
 
 
 def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    """Return ManiSkill's ``render_backend``: for ``"auto"`` ``"gpu"`` or ``"cpu"`` if pictures are needed and a driver
-    works, else ``"none"``; others unchanged.
+    """Return ManiSkill's ``render_backend``.
+
+    ``"auto"`` becomes ``"gpu"`` or ``"cpu"`` if pictures are needed and a driver works, else ``"none"``. Other values
+    are not changed.
 
     Raises:
         InputError: observations need images, and there is no renderer.

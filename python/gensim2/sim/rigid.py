@@ -104,7 +104,7 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
 def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic friction 0.2, restitution 0.01.
 
-    Table legs and floor have no collision shapes, so objects that slide off fall without end.
+    The table legs and the floor have no collision shapes, so objects that slide off fall without end.
 
     Args:
         scene: ManiSkill's or SAPIEN's scene.

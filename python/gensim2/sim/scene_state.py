@@ -62,7 +62,7 @@ class RobotReader(ABC):
 
 
 class StandingRobot:
-    """State of a robot in its start configuration, fingers open, for scenes without a robot.
+    """State of a robot in its start configuration with open fingers, for scenes without a robot.
 
     Args:
         start: (n,) all active joints at the start of the episode.
@@ -157,5 +157,5 @@ class SceneAccessMixin:
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """Measure the state in the world frame; without a robot, the robot part is its start pose."""
+        """Measure the state in the world frame. Without a robot, the robot's part of the state is its start pose."""
         return measure(self._robot, self.parts)

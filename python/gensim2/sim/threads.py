@@ -13,7 +13,10 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Placeholder whose ``reset`` and ``step`` return a thread's result to gymnasium's ``SyncVectorEnv``."""
+    """Placeholder for an environment
+
+    Its ``reset`` and ``step`` return a thread's result to gymnasium's ``SyncVectorEnv``.
+    """
 
     def __init__(self, env: gym.Env[Any, Any], result: Any) -> None:
         super().__init__(env)
@@ -27,7 +30,7 @@ class _Done(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class ThreadVectorEnv(SyncVectorEnv):
-    """Vector environment in threads, parallel because MuJoCo releases the interpreter lock.
+    """Vector environment that runs in threads. They run in parallel because MuJoCo releases the interpreter lock.
 
     Args:
         makers: for each environment, a function that creates it.

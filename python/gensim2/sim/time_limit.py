@@ -1,4 +1,4 @@
-"""Limit the length of episodes; ``truncated`` is a tensor with a batch axis, as ManiSkill's tools require."""
+"""Limit the length of episodes. ``truncated`` is a tensor with a batch axis, as ManiSkill's tools require."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class TimeLimit(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Wrapper like gymnasium's ``TimeLimit``, but with ``truncated`` as a tensor, which ManiSkill requires.
+    """Wrapper like gymnasium's ``TimeLimit``. Its ``truncated`` is a tensor, as ManiSkill requires.
 
     Args:
-        env: environment of ``gymnasium.make``; gymnasium's ``TimeLimit`` around it is replaced, with its limit.
-        registered: registered step limit of the task. If ``env`` has it, the caller has set none, and steps follow from
-            the task's time limit and the robot's control rate.
+        env: environment of ``gymnasium.make``. If it has gymnasium's ``TimeLimit``, this wrapper replaces that one and
+            its limit.
+        registered: registered step limit of the task. If ``env`` has this limit, the caller has set none, and the limit
+            follows from the task's time limit and the robot's control rate.
     """
 
     def __init__(self, env: gym.Env[Any, Any], registered: int | None = None) -> None:

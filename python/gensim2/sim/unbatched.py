@@ -13,7 +13,7 @@ from gymnasium.utils import RecordConstructorArgs
 class Unbatched(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Wrapper that removes the leading axis of length one from ManiSkill's values, and converts tensors to arrays.
 
-    Rewards are floats, flags bools, single values in ``info`` Python numbers; arrays are copies.
+    Rewards become floats, flags become bools, and single values in ``info`` become Python numbers. Arrays are copies.
 
     Args:
         env: environment whose observations, rewards, flags and pictures have a leading axis of length one.

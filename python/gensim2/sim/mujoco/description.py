@@ -25,7 +25,8 @@ class CollisionShape:
 
     Attributes:
         kind: ``"box"``, ``"sphere"``, ``"cylinder"``, ``"capsule"`` or ``"mesh"``.
-        size: m: a box's half lengths, a sphere's radius, a cylinder's or capsule's radius and half length, or none.
+        size: half lengths of a box, radius of a sphere, or radius and half length of a cylinder or capsule, metres;
+            empty for other shapes.
         vertices: (N, 3) vertices of a mesh, m.
         T: (4, 4) pose in the link frame.
     """
@@ -61,7 +62,7 @@ def links_of(urdf: Path, content_hash: str = "") -> tuple[Link, ...]:
     """Read the links of a URDF. Each link comes after its parent link.
 
     Args:
-        content_hash: hash of the object's files, by which results are cached.
+        content_hash: hash of the object's files; results are cached by it.
 
     Raises:
         InputError: the file cannot be read or is not a URDF.

@@ -1,4 +1,4 @@
-"""Draw recorded states with MuJoCo's renderer, from a model with surfaces only and no physics."""
+"""Draw recorded states with MuJoCo's renderer. The drawn model has only surfaces and no physics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHADOW_PIXELS, SAMPLES = 2048, 4
 SHADOW_RANGE = 1.2
 """Half side (m) of the area in which the lamp casts shadows."""
 LARGEST_SHADOW = 4.0
-"""Surfaces larger than this (m) are slightly transparent and so without shadows, which would have speckles."""
+"""Surfaces larger than this (m) are slightly transparent. Therefore they have no shadows, which would have speckles."""
 AMBIENT = 0.42
 LAMPS = (((0.5, -0.8, -1.3), 0.62, True), ((-0.6, 0.5, -1.0), 0.28, False))
 """Direction in the base frame, brightness and whether the lamp casts shadows, like the lamps of SAPIEN's renderer.
@@ -101,7 +101,10 @@ class SceneRenderer:
 
 
 class MujocoDrawing(StateDrawing):
-    """Draws states with MuJoCo as seen by the video camera; constructor as of :class:`StateDrawing`."""
+    """Object that draws states with MuJoCo as the video camera sees them
+
+    It has the constructor of :class:`StateDrawing`.
+    """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> None:
         super().__init__(profile, objects)
@@ -116,7 +119,7 @@ class MujocoDrawing(StateDrawing):
 
 
 def _model(scene: RaycastScene, width: int, height: int) -> mujoco.MjModel:
-    """Compile a model for drawing: a mocap body for each solid of the scene, then for each camera."""
+    """Compile a model for drawing. It has a mocap body for each solid of the scene, and then one for each camera."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.stat.extent, spec.stat.center = 1.0, (0.5, 0.0, 0.0)

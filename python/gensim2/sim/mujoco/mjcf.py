@@ -26,7 +26,9 @@ START = "start"
 
 
 def write_scene(task: str | TaskSpec, file: Path, seed: int = 0, **scene: Unpack[SceneArguments]) -> None:
-    """Write a scene to MJCF as the engine ``mujoco`` simulates it: robot, table, objects, drives, pairs that touch.
+    """Write a scene to MJCF as the engine ``mujoco`` simulates it.
+
+    The file has the robot, the table, the objects, the drives and the pairs of shapes that touch.
 
     Example:
         ```python

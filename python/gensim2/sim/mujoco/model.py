@@ -24,7 +24,9 @@ PHYSICS_HZ = 500
 """Minimum physics rate, Hz; a robot with a higher ``physics_hz`` uses that rate."""
 
 SOLREF = (0.004, 1.0)
-"""Time constant (s; two steps, the smallest stable value) and damping ratio of contacts and joint constraints."""
+"""Time constant (s) and damping ratio of contacts and joint constraints. Two time steps are the smallest stable
+value.
+"""
 
 FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of joint friction; with MuJoCo's default of 0.95 a lid slowly closes under its own weight."""
@@ -39,7 +41,7 @@ TABLE_FRICTION = 0.2
 """Friction coefficient of the table, equal to its dynamic friction in PhysX; MuJoCo has no static friction."""
 
 ROLLING = 0.002
-"""Radius (m) of rolling and torsional friction; with it balls roll as far as in PhysX, which stops slow bodies."""
+"""Radius (m) of rolling and torsional friction. Balls then roll as far as in PhysX, which stops slow bodies."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Shape:
 
 
 def mixed_name(owner: str, part: str) -> str:
-    """Return a unique name in the model from ``owner`` (robot or object) and ``part`` (link or joint)."""
+    """Return a name that is unique in the model, made of ``owner`` (robot or object) and ``part`` (link or joint)."""
     return f"{owner}/{part}"
 
 
@@ -77,7 +79,7 @@ def surface_friction(thing: PlacedObject) -> float:
 
 
 def steps_of(profile: RobotProfile) -> int:
-    """Return MuJoCo's number of time steps in a physics step of 1 / ``physics_hz``."""
+    """Return the number of MuJoCo's time steps in a physics step of 1 / ``physics_hz``."""
     return max(1, -(-PHYSICS_HZ // profile.simulation.physics_hz))
 
 
@@ -107,7 +109,8 @@ class _Builder:
         option.impratio = IMPRATIO
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         spec.compiler.degree = False
-        # MuJoCo rejects the Fetch's finger inertias (triangle inequality), unless it may adjust them.
+        # MuJoCo rejects the inertias of the Fetch's fingers, which violate the triangle inequality, unless it may
+        # adjust them.
         spec.compiler.balanceinertia = True
         self._shapes: list[Shape] = []
         self._meshes = 0
@@ -183,7 +186,7 @@ class _Builder:
     def _add_link(
         self, owner: str, link: Link, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
     ) -> mujoco.MjsBody:
-        """Add a link's body; position and quaternion are for a root link, the URDF places all others."""
+        """Add the body of a link. Position and quaternion are for a root link; the URDF places all other links."""
         name = mixed_name(owner, link.name)
         if link.parent is None:
             return self.spec.worldbody.add_body(name=name, pos=position, quat=quaternion)
@@ -280,13 +283,13 @@ class _Builder:
         if one.is_static and other.is_static:
             return False
         if one.owner == other.owner:
-            # Links of one object never collide; for the robot, the SRDF excludes pairs.
+            # Links of one object never collide with each other. For the robot, the SRDF excludes pairs.
             if one.owner != self._profile.agent:
                 return False
             joined = links[one.link].parent == other.link or links[other.link].parent == one.link
             return not joined and frozenset((one.link, other.link)) not in apart
-        # No contacts of the table with sliding links: a drawer slides on its rail, and MuJoCo's friction would lift and
-        # jam it.
+        # The table has no contacts with sliding links. A drawer slides on its rail, and MuJoCo's friction would lift
+        # and jam it.
         table = {one.owner, other.owner} & {"table"}
         return not (table and (one.slides or other.slides))
 

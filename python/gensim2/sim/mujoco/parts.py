@@ -19,7 +19,8 @@ from gensim2.sim.scene_state import RobotReader
 class Simulation:
     """A compiled MuJoCo model and its state.
 
-    After ``mj_step`` joints are new but bodies' poses of the step before; reading :attr:`data` updates them.
+    After ``mj_step`` the joints are new, but the bodies still have the poses of the step before. Reading :attr:`data`
+    updates them.
 
     Args:
         model: compiled model.
@@ -49,7 +50,7 @@ class Simulation:
         return self.raw
 
     def joint(self, name: str) -> tuple[int, int]:
-        """Return the indices of a joint's first value in MuJoCo's ``qpos`` and in its velocities."""
+        """Return the index of the first value of a joint in MuJoCo's ``qpos``, and its index in the velocities."""
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
         return int(self.model.jnt_qposadr[number]), int(self.model.jnt_dofadr[number])
 

@@ -67,7 +67,7 @@ class MujocoScene:
         ]
 
     def _geom_owners(self) -> npt.NDArray[np.int64]:
-        """Return the owner of each geom (G,): an index in ``parts``, -1 for the robot, -2 for the table."""
+        """Return the owner of each geom (G,): an index in ``parts``, -1 for the robot, or -2 for the table."""
         model, numbers = self.simulation.model, {name: number for number, name in enumerate(self.parts)}
         numbers[self._profile.agent], numbers["table"] = -1, -2
         names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, int(body)) for body in model.geom_bodyid)
@@ -127,7 +127,7 @@ class MujocoScene:
         return np.concatenate([root, self.robot.q, self.robot.qvel]).astype(np.float32)
 
     def _state(self) -> Array:
-        """Return the full state, from which a simulation continues with bit-identical results."""
+        """Return the full state. A simulation that continues from it has bit-identical results."""
         model = self.simulation.model
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, self.simulation.raw, state, _STATE)

@@ -19,15 +19,16 @@ from gensim2.core.yaml_files import parse_yaml
 class Constants:
     """Physics constants for all scenes and for single object classes.
 
-    With the original solver settings, grasped objects slip unless drives are "soft", weaker than the default.
+    With the original solver settings, grasped objects slip unless the drives are ``"soft"``, which are weaker than the
+    default.
 
     Attributes:
         scene: PhysX settings, named as in ManiSkill's ``SceneConfig``.
         material: static friction, dynamic friction and restitution of every surface except the table's.
         rigid_density: density of rigid objects' hulls, kg/m3.
         fingers: stiffness (N/m) and damping (N s/m) of the original GenSim2's finger drives.
-        fingers_for: original stiffness and damping in scenes with a rigid class, instead of ``fingers``.
-        finger_damping: damping (N s/m) of soft drives without rigid objects; stiffness is the robot's.
+        fingers_for: original stiffness and damping in scenes with an object of a rigid class; they replace ``fingers``.
+        finger_damping: damping (N s/m) of soft drives in scenes without rigid objects. Their stiffness is the robot's.
         picking_fingers: stiffness (N/m) and damping (N s/m) of the soft drives in scenes with rigid objects.
     """
 
@@ -46,7 +47,7 @@ class Constants:
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """Return a class's joint friction coefficient, which PhysX multiplies by the load on the joint."""
+        """Return the joint friction coefficient of a class. PhysX multiplies it by the load on the joint."""
         return _first_match(self._joint_frictions, asset_class)
 
 
