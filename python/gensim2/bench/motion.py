@@ -32,7 +32,7 @@ FINGERS_OPEN = 0.04
 class MotionProblem:
     """Planning problem: move from one joint vector to any of several goals without touching the obstacles.
 
-    ``start`` and ``goals`` are (m,) arm joints from base to hand; ``obstacles`` are in the base frame.
+    ``start`` and ``goals`` are (m,) joint positions of the arm from base to hand. ``obstacles`` are in the base frame.
     """
 
     id: str
@@ -46,7 +46,10 @@ _PROBLEM = TypeAdapter(MotionProblem)
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """Summary of all problems: CPU times in ms; durations (s) and path lengths (rad) as medians over solved ones."""
+    """Summary of all problems.
+
+    CPU times are in ms. Duration (s) and path length (rad) are medians over solved problems.
+    """
 
     problems: int
     statuses: dict[str, int]
@@ -138,7 +141,7 @@ def solve_motions(
     - ``duration``: duration of the motion, s.
     - ``length``: length of the path in joint space, rad.
     - ``nearer``: pairs of bodies that are closer than ``margin`` already at the start or at the goal. Each entry has
-      names and distance (m) of two bodies that need only keep this distance, not ``margin``.
+      the names of two bodies and their distance (m). The bodies must keep this distance instead of ``margin``.
     - ``checks``: number of collision checks.
     - ``samples``: joint positions every 5 ms, rad.
 
@@ -151,7 +154,8 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Run one check first, because it also computes the spheres that cover the links, which is not to be timed.
+    # Run one check first. It also computes the spheres that cover the links, which must not be part of the measured
+    # time.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []

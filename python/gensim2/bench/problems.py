@@ -21,7 +21,7 @@ from gensim2.core.foreign.limits import MAX_RECORD
 from gensim2.core.foreign.tree import read_input
 from gensim2.core.record_files import parse_record
 
-#: Maximum deviation of a rotation matrix from orthonormality, in single precision.
+#: Maximum deviation of a rotation matrix in single precision from an orthonormal matrix.
 ROTATION_TOLERANCE = 1e-4
 
 
@@ -75,7 +75,10 @@ class _Record(BaseModel):
 
 
 class ArticulatedRecord(_Record):
-    """State of the articulated object: root pose in the world frame, joint value, and scale of the files' lengths."""
+    """State of an articulated object.
+
+    It has the root pose in the world frame, the joint value, and the scale of the lengths in its files.
+    """
 
     cls: str
     id: str
@@ -108,9 +111,9 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """A planning problem, one line of a problem file; the module lists units and frames.
+    """A planning problem, which is one line of a problem file. The module's docstring lists units and frames.
 
-    ``task`` and ``sub_task`` name the recorded task and step; a name is empty if it was not recorded.
+    ``task`` and ``sub_task`` are the names of the recorded task and step. A name is empty if it was not recorded.
     """
 
     id: Annotated[str, Field(min_length=1)]
@@ -131,7 +134,7 @@ class PlanProblem(_Record):
     object_axis: Literal["x", "y", "z"] | None
 
     def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
-        """Return a pose (4, 4); stored poses have single precision, so the rotation is made orthonormal again."""
+        """Return a pose (4, 4). Stored poses have single precision, so the rotation is made orthonormal again."""
         pose = np.asarray(getattr(self, name), dtype=np.float64)
         left, _, right = np.linalg.svd(pose[:3, :3])
         pose[:3, :3] = left @ right
@@ -153,7 +156,7 @@ class PlanProblem(_Record):
         return entries if isinstance(entries, list) else []
 
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with this problem's keyframe times and ``"world"`` for invalid frames."""
+        """Return the solver config with this problem's keyframe times, and ``"world"`` in place of invalid frames."""
         constraints = [
             {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
         ]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-#: Smallest thickness of a part (m, final scale); flat parts get it, because a hull needs a volume.
+#: Minimum thickness of a part (m, final scale). Thinner parts are thickened, because a hull needs a volume.
 MINIMUM_THICKNESS = 5e-4
 SAME_PLACE = 1e-9  # vertices closer than this are merged (units of the file)
 
@@ -94,7 +94,7 @@ class SceneObstacle:
 
     Attributes:
         name: unique name in the scene.
-        role: ``"table"``; ``"object_body"`` and ``"moving_link"``, the parts of an articulated object; ``"target"``, a
+        role: ``"table"``; ``"object_body"`` or ``"moving_link"``, the parts of an articulated object; ``"target"``, a
             rigid object in the constraints; ``"attached"``, a grasped object; or ``"rigid"``, any other rigid object.
         hulls: vertices (N, 3) of each hull in the body frame, m.
         pose: (4, 4) pose of the body in the robot base frame, or in the hand frame if ``role`` is ``"attached"``.
@@ -108,7 +108,10 @@ class SceneObstacle:
 
 @dataclass(frozen=True)
 class SceneJoint:
-    """The movable joint: ``origin`` (3,) and unit ``axis`` (3,) in the robot's base frame; value in rad or m."""
+    """Movable joint.
+
+    ``origin`` (3,) and the unit vector ``axis`` (3,) are in the robot's base frame; the value is in rad or m.
+    """
 
     kind: Literal["revolute", "prismatic"]
     origin: Array
@@ -120,7 +123,7 @@ class SceneJoint:
 
 @dataclass(frozen=True)
 class ProblemScene:
-    """Obstacles of a problem and the object's movable joint; ``warnings`` lists meshes that could not be loaded."""
+    """Obstacles of a problem and the object's movable joint. ``warnings`` lists meshes that could not be loaded."""
 
     obstacles: tuple[SceneObstacle, ...]
     joint: SceneJoint | None

@@ -50,7 +50,7 @@ def keypoint_problem(
         InputError: the solver rejects the problem's config, or a number is out of range.
     """
     joint = scene.joint
-    # The original solver keeps no margin, and ignores collisions of the hand with the manipulated object.
+    # The original solver keeps no margin. It ignores collisions between the hand and the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,
@@ -122,7 +122,10 @@ def _listed(value: Any) -> Any:
 
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
-    """Return the smallest signed distances (m) of the checked pairs along a motion; None without motion or pairs."""
+    """Return the smallest signed distances (m) of the checked pairs along a motion.
+
+    A distance is None without a motion or without such pairs.
+    """
     found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
     values: dict[str, float | None] = {"self": None, "table": None, "object": None}
     if found is not None:
@@ -195,7 +198,7 @@ def solve_problems(
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        assets: folder of the problems' objects, all of them obstacles; None: only the table is an obstacle.
+        assets: folder of the problems' objects, which are all obstacles. None: only the table is an obstacle.
         frames: how motion frames are interpreted (see :func:`~gensim2.bench.solver.keypoint_problem`).
         threads: number of solver threads, which does not affect results.
         sample_dt: time step of the joint positions in the records, s; None: no joint positions.

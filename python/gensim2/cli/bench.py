@@ -22,7 +22,7 @@ def _json_lines(result: dict[str, Any]) -> str:
 
 
 def _show_summary(**rows: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
-    """Return a function that prints fields of a summary; each keyword gives a field's label and format."""
+    """Return a function that prints fields of a summary. Each keyword gives the label and the format of a field."""
 
     def show(result: dict[str, Any]) -> None:
         summary = result["summary"]
@@ -179,7 +179,7 @@ def policy(
 
 
 def _refuse_beside_a_checkpoint(context: click.Context) -> None:
-    """Refuse options that cannot be combined with ``--checkpoint``, which determines these settings."""
+    """Refuse options that cannot be combined with ``--checkpoint``. The checkpoint determines these settings."""
     for param in context.command.params:
         fits = param.name in ("checkpoint", "decisions", "threads", "assets", "library", "json_file")
         if not fits and is_given(context, param.name or ""):

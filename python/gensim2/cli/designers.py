@@ -124,7 +124,7 @@ def _check_object(target_object: str, target_task: str | None, scene: SceneOptio
 
 
 def _check_terminal() -> None:
-    """Refuse ``--review`` without a terminal, because a missing answer would count as "no"."""
+    """Refuse ``--review`` if there is no terminal, because a missing answer would count as "no"."""
 
     if not sys.stdin.isatty():
         raise InputError("standard input is not a terminal, so no question can be asked", field="--review")

@@ -74,7 +74,7 @@ class LazyGroup(click.Group):
     """A group of commands that are imported individually on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in ``COMMANDS``, then the names of commands from other installed distributions."""
+        """Return the names in ``COMMANDS``, followed by the commands of other installed distributions."""
         return [*COMMANDS, *sorted(entry_points(group=COMMAND_GROUP).names - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -129,7 +129,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """Exit the process with ``code``; after the use of Ray without exit handlers, which would change the code."""
+    """Exit the process with ``code``.
+
+    After the use of Ray, skip the exit handlers, which would change the code.
+    """
     head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
@@ -147,7 +150,7 @@ def _leave(code: int) -> NoReturn:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to ``sys.argv``."""
     for stream in (sys.stdout, sys.stderr):
-        # The terminal's encoding may lack characters of a path, so print escape sequences instead of failing.
+        # The terminal's encoding may lack characters of a path. Print escape sequences instead of failing.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -175,7 +178,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        # Click replaces KeyboardInterrupt by Abort; the notes for the message are on its cause, the former.
+        # Click replaces KeyboardInterrupt by Abort. The cause, the KeyboardInterrupt, has the notes for the message.
         notes = getattr(error.__cause__ or error, "__notes__", ())
         return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
@@ -211,7 +214,10 @@ def _fail(text: str, code: int) -> int:
 
 
 def _drop_unwritten_output() -> bool:
-    """Return whether standard output cannot be written; if so, redirect it, so that the exit raises no second error."""
+    """Return whether standard output cannot be written.
+
+    If it cannot, redirect it, so that the exit raises no second error.
+    """
     try:
         sys.stdout.flush()
     except OSError:
@@ -225,7 +231,7 @@ _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHU
 #: Packages that catch BaseException, for example around imports. They would treat Ctrl-C as a missing module.
 SWALLOWING = ("networkx", "trimesh")
 
-#: Delay (s) after which a signal that a package of ``SWALLOWING`` would catch is handled.
+#: Delay (s) after which a signal is handled that a package of ``SWALLOWING`` would catch.
 AGAIN = 0.05
 
 

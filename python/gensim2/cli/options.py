@@ -47,7 +47,7 @@ class _Robot(click.ParamType[str]):
 
 
 Robot = Annotated[str, _Robot(), Option(metavar="NAME|FILE.py")]
-#: A str, not a path: ``builtin`` is the packaged policy, ``./builtin`` a folder.
+#: The type is str instead of Path, because ``builtin`` is the packaged policy and ``./builtin`` is a folder.
 Checkpoint = Annotated[str, Option(metavar="DIR|builtin")]
 
 
@@ -143,7 +143,8 @@ _SHARED = options_of_class(Shared)
 #: Options that determine scenes and episodes.
 SCENE = ("assets", "instances", "engine", "physics", "redraw", "randomization", "robot")
 EPISODES = ("seed", *SCENE, "open_loop")
-#: Options of the planner's input: the true scene or an estimate, and the noise of its depth images.
+#: Options for the input of the planner: the source of its scene, and the noise of the depth images for an estimated
+#: scene.
 PLANNER = ("scene_source", "depth_noise")
 #: Options of simulator processes.
 PROCESSES = ("workers", "time_limit", "jobs_per_worker")
@@ -266,5 +267,5 @@ def _settle(context: click.Context, given: dict[str, Any]) -> None:
     if (library := given.pop("library", None)) is not None:
         from gensim2.tasks.library import using_library
 
-        # Only this process looks up tasks by name; jobs contain complete definitions.
+        # Only this process looks up tasks by name. Jobs contain complete definitions.
         context.with_resource(using_library(library))

@@ -95,7 +95,7 @@ def line(text: str) -> None:
 
 
 def show_engines(name: str, episodes: int, result: dict[str, Any]) -> None:
-    """Print the success rates in both engines; print nothing if the episodes ran in only one engine."""
+    """Print the success rates in both engines. Print nothing if the episodes ran in only one engine."""
     if "engines" not in result:
         return
     rates = ", ".join(f"{count} in {engine}" for engine, count in result["engines"].items())

@@ -116,7 +116,7 @@ def run_pipeline(
 
     memory = Memory()
     if memory.is_there:
-        # Fail before the work begins if the library is an archive, to which tasks cannot be added.
+        # Fail before the work begins if the library is an archive. Tasks cannot be added to an archive.
         _ = memory.folder
     asked = {name: given.pop(name) for name in NAMES}
     _check_kinds(designer, asked, single, long)

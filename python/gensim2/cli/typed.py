@@ -143,7 +143,7 @@ def _option(name: str, hint: Any, default: Any, text: str) -> click.Option:
 
 
 def _kind(hint: Any) -> tuple[click.ParamType[Any], Option, bool]:
-    """Return click's type for an annotated parameter, the details, and whether the option accepts several values."""
+    """Return click's type for an annotated parameter, its ``Option``, and whether the option accepts several values."""
     kind: click.ParamType[Any] | None = None
     details, several = Option(), False
     while (origin := get_origin(hint)) in (Annotated, Union, UnionType, tuple):

@@ -94,7 +94,7 @@ class Described:
 
 
 def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind: str) -> Path:
-    """Write the card of a data set or export, ``README.md``, which describes the episodes; return its path.
+    """Write ``README.md``, the card of a data set or export, which describes the episodes. Return its path.
 
     Args:
         described: for each task, the number of episodes and steps, and the objects.

@@ -37,8 +37,9 @@ class Clearance:
     """Clearance of one episode.
 
     Attributes:
-        distance: smallest distance, m; negative for an overlap, ``FARTHEST`` if larger than that.
-        to: nearest obstacle: ``"table"``, ``"itself"`` or an object; None beyond ``FARTHEST``.
+        distance: smallest distance, m. It is negative for an overlap, and ``FARTHEST`` if it is larger than that.
+        to: nearest obstacle: ``"table"``, ``"itself"`` or the name of an object; None if it is farther than
+            ``FARTHEST``.
     """
 
     distance: float
@@ -60,15 +61,15 @@ class ClearanceMeter:
     """Measures the clearance of one task's episodes.
 
     The clearance is the smallest distance between a link and the table, another link, or an object that the task does
-    not use. An object that both fingers touch counts as grasped, as a part of the hand, without its distances to the
-    table and to its first support.
+    not use. An object that both fingers touch counts as grasped, so it is a part of the hand. Its distances to the
+    table and to its first support are left out.
 
     Objects that the task uses, links without a joint, and pairs that can never touch are ignored.
 
     Args:
         task: task of the episodes.
         library: library of their objects.
-        hulls: convex decomposition of the objects when the episodes were recorded.
+        hulls: name of the convex decomposition that the objects had when the episodes were recorded.
     """
 
     def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:

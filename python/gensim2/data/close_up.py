@@ -1,4 +1,7 @@
-"""Draw close-ups of the fingertips for videos, from beside the hand, which hides the contact from elsewhere."""
+"""Draw close-ups of the fingertips for videos.
+
+The view is from beside the hand, because the hand hides the contact in other views.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ TEXT_HEIGHT, SMALL_TEXT_HEIGHT = 14, 11
 
 
 class CloseUp:
-    """Draws a close-up of the fingertips, from the least hidden side, into a corner of video frames.
+    """Object that draws a close-up of the fingertips into a corner of video frames. It chooses the least hidden side.
 
     Args:
         profile: robot profile.
@@ -97,7 +100,7 @@ def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
 
 
 def _hidden(view: View) -> float:
-    """Return the fraction of the picture's centre in which something hides the fingertips."""
+    """Return the fraction of the centre of the picture in which something hides the fingertips."""
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))

@@ -85,10 +85,11 @@ def collect(
         keep_failures: also store the states of failed episodes; their records are always stored.
         noise: standard deviation, rad, of occasional disturbances of the arm's commands; the undisturbed commands are
             recorded as well (:mod:`gensim2.rollout.worker`).
-        strategy: names of strategies; a step with such strategies uses only these.
-        objects: number of generated objects of each articulated class, not built-in or ``"new"``, for ``instances``.
-        engines: ``"both"`` repeats each episode on the same scene in the other engine; a demonstration must succeed in
-            both (verdict `held`). Recorded states come from the first engine.
+        strategy: names of strategies. A step that has one of these strategies uses no other strategy.
+        objects: number of generated objects of each articulated class, instead of ``instances``; not with built-in or
+            ``"new"`` objects.
+        engines: ``"both"`` repeats each episode on the same scene in the other engine, and a demonstration must succeed
+            in both (verdict `held`). Recorded states come from the first engine.
         resume: continue the data set in ``out``, possibly with more episodes or tasks.
         listener: receives the status of all tasks.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.

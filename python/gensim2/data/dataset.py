@@ -53,11 +53,11 @@ class DataSet:
 
         Args:
             path: folder of the data set.
-            assets: current folder of the objects; None: the recorded folder. Data sets of built-in objects need none.
-                Objects are checked on first use (:mod:`gensim2.data.used_objects`).
+            assets: current folder of the objects. None: the recorded folder. Data sets of built-in objects need no
+                folder. Objects are checked on first use (:mod:`gensim2.data.used_objects`).
 
         Raises:
-            InputError: ``dataset.json`` is missing, damaged or of another version; or ``assets`` has no objects.
+            InputError: ``dataset.json`` is missing, damaged or of another version, or ``assets`` has no objects.
         """
         path = Path(path)
         file = path / DATASET_JSON
@@ -72,7 +72,7 @@ class DataSet:
 
     @cached_property
     def scene(self) -> SceneOptions:
-        """Return the scene options that all tasks share, with the objects' current folder ``assets``.
+        """Return the scene options that all tasks share. Their ``assets`` is the current folder of the objects.
 
         Raises:
             InputError: the folder of objects does not exist.

@@ -22,7 +22,7 @@ from gensim2.rollout.tally import Tally, engines_record
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
-#: Maximum number of episodes for each requested demonstration, at which the collection stops.
+#: Maximum number of episodes for each requested demonstration. The collection stops at this number.
 TRIES_PER_DEMO = 5
 
 
@@ -59,17 +59,17 @@ def collect(
     videos: int = 1,
     progress: Progress = NULL_PROGRESS,
 ) -> Collected:
-    """Run episodes until ``episodes`` have succeeded, and merge these demonstrations into one trajectory file.
+    """Run episodes until ``episodes`` of them have succeeded, and merge these demonstrations into one trajectory file.
 
     Success means the verdict `held`, in both engines if ``evaluator.rollout.engines`` is ``"both"``.
 
-    Each finished episode is written to its own file; a failed one without states. A second call runs episodes with
-    missing or damaged files again. The collection ends at the first index with enough successes, so the result depends
-    only on the seed.
+    Each finished episode is written to its own file, without its states if it failed. A second call repeats the
+    episodes whose files are missing or damaged. The collection ends at the first index with enough successes, so the
+    result depends only on the seed.
 
     Args:
         instances: name of the set of objects.
-        videos: number of videos, of the first demonstrations, or of failed episodes if all failed.
+        videos: number of videos. They show the first demonstrations, or failed episodes if all episodes failed.
 
     Returns:
         All episodes that were run. If too many of them failed, there are fewer than ``episodes`` demonstrations.
@@ -163,7 +163,7 @@ def film_job(trajectory: Path, episode: int, video: Path, still: Path | None) ->
 
 
 def film_attempt(config: EpisodeConfig, strategies: Strategies, seed: int, video: Path) -> Episode:
-    """Run an episode again in a worker process and record a video of it by ray casting, even if it fails."""
+    """Run an episode again in a worker process and make a video of it by ray casting, even if it fails."""
     from gensim2.data.films import film_again
 
     return film_again(config, strategies, seed, video)

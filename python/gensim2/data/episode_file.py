@@ -1,4 +1,7 @@
-"""Store each episode in a checksummed HDF5 file: its record (``episode``) and its states (group ``traj``)."""
+"""Store each episode in an HDF5 file with a checksum.
+
+The file has the episode's record (``episode``) and its states (group ``traj``).
+"""
 
 from __future__ import annotations
 
@@ -22,8 +25,8 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import EpisodeResult, Recording
 from gensim2.rollout.world import Tree
 
-#: HDF5 version of the files: 1.10 makes them half as large as the default, which needs 2 kB of index for each of ten
-#: arrays, in the same CPU time (benchmarks/stores.py).
+#: HDF5 version of the files. The default needs 2 kB of index for each of ten arrays. Files of version 1.10 are half as
+#: large, for the same CPU time (benchmarks/stores.py).
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -122,7 +125,9 @@ def read_episode(path: Path) -> EpisodeResult:
 
 @contextlib.contextmanager
 def open_episode(path: Path) -> Iterator[tuple[Episode, RecordingHeader | None, h5py.Group | None]]:
-    """Open an episode's file; yield record, recording metadata and group ``traj``; the last two None without states.
+    """Open the file of an episode. Yield its record, its recording metadata and its group ``traj``.
+
+    The metadata and the group are None if the file has no states.
 
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
@@ -166,7 +171,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    # Names are written in HDF5's alphabetical order, so that reading and writing gives identical bytes.
+    # Names are written in the alphabetical order of HDF5, so that a file that is read and written has identical bytes.
     for name, value in sorted(tree.items()):
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)

@@ -1,4 +1,4 @@
-"""Draw videos of recorded episodes by ray casting, beside the point cloud that the controller observes."""
+"""Draw videos of recorded episodes by ray casting, next to the point cloud that the controller observes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,8 @@ def film_index(film: Path) -> int:
 def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
     """Record a video of an episode in a worker process and return the number of frames.
 
-    Frames are ray-cast, without the simulator's renderer or a graphics driver: ten per simulated second.
+    Frames are ray-cast, so they need neither the simulator's renderer nor a graphics driver. A simulated second has ten
+    frames.
 
     Args:
         episode: file of the episode, with states.
@@ -139,7 +140,10 @@ def film_camera(profile: RobotProfile) -> Camera:
 
 
 def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
-    """Draw points (N, 3), m in the base frame, as coloured squares into an image (H, W, 3), near ones last."""
+    """Draw points (N, 3), metres in the base frame, into an image (H, W, 3) as coloured squares.
+
+    Near points cover far ones.
+    """
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
     picture[:] = PAPER
     seen = np.c_[points, np.ones(len(points))] @ camera.projection.T

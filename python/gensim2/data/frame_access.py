@@ -70,14 +70,15 @@ class FrameAccess:
     - ``language``, the instruction of the task
     - ``task_index``, ``episode_index`` and ``frame_index``
 
-    A file is checked on first use; then only requested frames are read. The object can be pickled; see :meth:`torch`.
+    A file is checked on first use. Afterwards only the requested frames are read. The object can be pickled; see
+    :meth:`torch`.
 
     Args:
         stores: stored episodes of each task; at least one task.
         robot_name: robot of the episodes.
         observations: whether to include rendered observations; None includes them if any exist.
-        horizon: number of future actions with each frame: ``action`` is (m + 1,) for 1, else (horizon, m + 1). Near the
-            end the last action repeats, marked by ``action_is_pad``.
+        horizon: number of future actions with each frame. ``action`` is (m + 1,) for 1, and (horizon, m + 1) otherwise.
+            Near the end the last action is repeated, and ``action_is_pad`` marks the repetitions.
 
     Raises:
         InputError: the collection is not finished, only some episodes have observations, or their specs differ.

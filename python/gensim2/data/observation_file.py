@@ -47,9 +47,11 @@ class ObservedEpisode:
     """Observations of an episode of T steps.
 
     Attributes:
-        description: JSON: ``task``, ``index``, ``episode_digest``, ``language``, ``steps``, observation spec.
-        arrays: arrays by name, mostly (T + 1, ...): before the first step and after each. A camera's ``intrinsic`` and
-            pose, ``T_base_camera`` if fixed or ``T_link_camera`` on the robot, have no time axis.
+        description: JSON object with ``task``, ``index``, ``episode_digest``, ``language``, ``steps`` and the
+            observation spec.
+        arrays: arrays by name. Most have the shape (T + 1, ...), with a row before the first step and after each step.
+            The ``intrinsic`` and the pose of a camera have no time axis; the pose is ``T_base_camera`` of a fixed
+            camera or ``T_link_camera`` of a camera on the robot.
     """
 
     description: dict[str, Any]
@@ -139,7 +141,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
 
 
 def frame_arrays(path: Path, frames: int) -> list[str]:
-    """Return the arrays with one row per frame, the columns of :class:`~gensim2.data.DataSet` frames.
+    """Return the arrays with one row per frame, which are the columns of :class:`~gensim2.data.DataSet` frames.
 
     Args:
         path: observation file whose checksum was checked already.

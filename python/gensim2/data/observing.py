@@ -27,7 +27,7 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 
     Raises:
         InputError: an object's files cannot be used, or ``rgb`` needs a renderer that is missing.
-        EmptyCloudError: a state, whose time is named, has no point of the cloud in the workspace.
+        EmptyCloudError: a point cloud has no point in the workspace; the message gives the time of the state.
     """
     observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
@@ -48,7 +48,7 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
 def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
     """Return the owner and the link for each segmentation id. The owner is an object's name, the robot or ``table``.
 
-    Keys are strings for JSON; empty if the spec has no cloud, depth or segmentation image.
+    Keys are strings for JSON. The result is empty if the spec has no cloud, depth image or segmentation image.
 
     Raises:
         InputError: an object's files cannot be used.

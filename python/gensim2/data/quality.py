@@ -37,14 +37,15 @@ class TaskQuality:
         strict: number of episodes that also pass the stricter verdict `strict`.
         whole: number of successful episodes in which every motion was executed completely.
         causes: number of failed episodes by cause.
-        places: of each episode, the first step's object's placement (x, y in m, yaw in rad) and its success.
-        openness: initial openness of the first step's object in successful episodes; empty without a joint.
+        places: placement of the first step's object in each episode (x, y in m, yaw in rad), and whether the episode
+            succeeded.
+        openness: initial openness of the first step's object in successful episodes. Empty if the object has no joint.
         lengths: number of control steps in each successful episode.
         jerks: root mean square of the arm's jerk (rad/s^3) in each successful episode.
         clearances: smallest clearance of each successful episode, m (:mod:`gensim2.data.clearance`).
         nearest: nearest obstacle of each successful episode: ``"table"``, ``"itself"`` or an object's name.
         instances: for each object, the number of successful episodes that use the object.
-        same_scene: successful episodes with the initial scene, to a millimetre, of an earlier episode.
+        same_scene: number of successful episodes that have the initial scene of an earlier episode, to a millimetre.
         same_actions: number of successful episodes whose actions are the same as in an earlier episode.
     """
 
@@ -133,7 +134,7 @@ def _quality(
 
 
 def jerk(recording: Recording, profile: RobotProfile) -> float:
-    """Return the root mean square of the measured arm joints' jerk over all joints and instants, rad/s^3."""
+    """Return the root mean square of the jerk of the measured arm joints over all joints and instants, rad/s^3."""
     columns = [FIRST_JOINT + index for index in profile.arm_columns]
     positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
     third = np.diff(positions, n=3, axis=0) * profile.control_hz**3

@@ -86,12 +86,13 @@ class CollectionFolder(ResumableFolder[DatasetRecord]):
 
     Args:
         path: the folder; it is created if missing.
-        record: settings; only the numbers of episodes and tasks may grow when a collection is resumed.
+        record: settings. When a collection is resumed, only the numbers of episodes and tasks may grow.
         resume: continue an existing data set.
         process: facts about this call (such as the number of workers), stored in ``run.json``.
 
     Raises:
-        InputError: the folder has data and ``resume`` is false, other settings or files, is in use or not writable.
+        InputError: the folder is in use or not writable, or it has other settings or files, or it has data and
+            ``resume`` is false.
     """
 
     def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
@@ -163,7 +164,7 @@ class Queue:
             if any(task.status.held for task in self._tasks):
                 card(self._folder.path)
         except BaseException:
-            # Suppress an error of this report, such as a full disk, so that the collection's error is raised.
+            # Suppress an error of this report, such as a full disk, so that the error of the collection is raised.
             with contextlib.suppress(InputError):
                 self._report()
             raise
@@ -235,7 +236,7 @@ class Queue:
         for row in task.store.rows():
             for thing in row.objects.values():
                 key = f"{thing.asset_class}/{thing.id}"
-                # Read each object once, to compare its hash with that of each episode.
+                # Read each object only once to compare its hash with the hash in each episode.
                 if key not in self._objects:
                     self._objects[key] = _used(self._library, thing.asset_class, thing.id)
                 used = objects[key] = self._objects[key]

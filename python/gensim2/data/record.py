@@ -50,9 +50,9 @@ class TaskRecord(_Record):
     Attributes:
         digest: digest of ``task.yaml`` and the strategies.
         instances: set from which the objects of the episodes are sampled, such as ``"test"`` (the test split).
-        objects: number of generated objects of each class from which to sample, not from ``instances``.
+        objects: number of generated objects of each class from which to sample, instead of ``instances``.
         tried: number of all episodes; None until all episodes are finished.
-        held: number of successful episodes (verdict `held`); None until all are finished.
+        held: number of successful episodes (verdict `held`). None until all episodes are finished.
         strict: number of episodes that also pass the verdict `strict`; None until all episodes are finished.
         causes: number of failed episodes by cause.
     """
@@ -106,7 +106,7 @@ class DatasetRecord(RunSettings):
         return self
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences from ``now`` that prevent resuming; episodes and tasks may be added."""
+        """Yield the differences from ``now`` that prevent resuming. Episodes and tasks may be added."""
         for name in ("arguments", "versions", "seed", "keep_failures"):
             yield from differing(name, getattr(self, name), getattr(now, name))
         if now.episodes < self.episodes:
@@ -123,8 +123,10 @@ class DatasetRecord(RunSettings):
             yield from differing(f"tasks.{name}", was, given)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return a resumed collection's record: settings of ``now``, objects of this record, and its results unless
-        ``now`` adds tasks or episodes.
+        """Return the record of a resumed collection.
+
+        It has the settings of ``now`` and the objects of this record. It keeps the results unless ``now`` adds tasks or
+        episodes.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

@@ -22,7 +22,9 @@ ROOT = 13
 
 
 def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
-    """Check that a recording's steps, seed, objects, types and shapes fit an episode, and a success is finite.
+    """Check that the steps, seed, objects, types and shapes of a recording fit its episode.
+
+    The values of a successful episode must be finite.
 
     Args:
         file: file of the recording, for error messages.

@@ -44,7 +44,7 @@ FIXED_ARGUMENTS = (
 
 
 class Effort(Record):
-    """CPU and wall time of designing and verifying a task, since the last start of the run."""
+    """CPU time and wall time spent on designing and verifying a task since the last start of the run."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -68,7 +68,10 @@ class RunRecord(RunSettings):
     effort: dict[str, Effort] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the differences between this record and ``now`` that change results; runs may grow."""
+        """Yield the differences between this record and ``now`` that change results.
+
+        The number of tasks or episodes may grow.
+        """
         was, given = ({name: each.arguments.get(name) for name in FIXED_ARGUMENTS} for each in (self, now))
         yield from differing("arguments", was, given)
         for name in sorted(self.identity.keys() | now.identity.keys()):
@@ -77,13 +80,16 @@ class RunRecord(RunSettings):
         yield from differing("versions", self.versions, now.versions)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return the record for the run that resumes this run: arguments of ``now``, no end time, no result."""
+        """Return the record for the run that resumes this run.
+
+        It has the arguments of ``now``, no end time and no result.
+        """
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
 
 
 class SecondEngineRecord(Record):
-    """Record in ``verification.json`` of the same scenes in the second physics engine."""
+    """Record of the same scenes in the second physics engine, stored in ``verification.json``."""
 
     engine: Engine
     held: Annotated[int, Field(ge=0)]
@@ -208,8 +214,9 @@ class Verification:
     Attributes:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
-        instances: set of the objects: ``"new"`` generated objects that the library does not list, ``"test"``, the test
-            split, or ``"all"``, if a class has too few objects. The search used no object of the first two.
+        instances: set of the objects. ``"new"``: generated objects that the library does not list; ``"test"``: the test
+            split; ``"all"``: all objects, if a class has too few for the other sets. The search used no object of the
+            sets ``"new"`` and ``"test"``.
         second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 
@@ -228,7 +235,10 @@ class Verification:
 
     @property
     def kept(self) -> bool:
-        """Whether the success rate reaches the threshold, in both engines if the task was verified in two."""
+        """Whether the success rate reaches the threshold.
+
+        It must do so in both engines if the task was verified in two.
+        """
         return self.rate >= self.threshold and (self.second is None or self.second.rate >= self.threshold)
 
     def to_dict(self) -> dict[str, Any]:
@@ -278,7 +288,8 @@ class TaskOutcome:
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
-        checker: how often criteria held in scenes changed so that the task is not done; None in earlier records.
+        checker: how often the criteria held in scenes that were changed so that the task is not done. None in earlier
+            records.
     """
 
     name: str
@@ -322,8 +333,8 @@ class PipelineResult:
     Attributes:
         run_dir: run folder.
         tasks: designed tasks in the order in which they were finished.
-        rejected: proposed tasks that were not verified, with the reason, such as no motion found.
-        notes: remarks for the user, such as fewer tasks than requested or unusable objects.
+        rejected: proposed tasks that were not verified, with the reason, for example that no motion was found.
+        notes: remarks for the user, for example about fewer tasks than requested or about unusable objects.
     """
 
     run_dir: str

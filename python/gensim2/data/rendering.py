@@ -100,7 +100,7 @@ def render(
         folder: data set of a finished collection.
         spec: modalities, cameras and cloud settings; None: point clouds of 1,024 points.
         tasks: names of tasks; empty for all tasks.
-        episodes: number of episodes of each task, successful ones first; None: all successful episodes.
+        episodes: maximum number of episodes of each task; successful ones come first. None: all successful episodes.
         resume: keep existing observations, which must have the same spec.
         assets: current folder of the object library; None: the folder recorded in the data set.
         execution: see :class:`~gensim2.core.processes.ExecutionArguments`.

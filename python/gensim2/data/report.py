@@ -78,7 +78,8 @@ def _drawing(salt: str, draw: Any) -> str:
     coloured = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
     sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
     settings: dict[Any, Any] = {**dict.fromkeys(coloured, _INK), **dict.fromkeys(sized, _POINTS)}
-    # For reproducible bytes, the salt fixes the SVG ids and no date is written; font type "none" keeps text.
+    # The bytes must be reproducible, so the salt fixes the SVG ids and no date is written. The font type "none" keeps
+    # text as text.
     settings |= {"svg.hashsalt": salt, "svg.fonttype": "none"}
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=_INCHES, layout="constrained", facecolor="none")

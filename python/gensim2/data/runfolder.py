@@ -46,12 +46,13 @@ class RunFolder(ResumableFolder[RunRecord]):
 
     Args:
         path: the folder.
-        arguments: arguments of the run; those in ``records.FIXED_ARGUMENTS`` must stay when it is resumed.
-        identity: digests of all other inputs that determine the results; a resumed run must have the same.
+        arguments: arguments of the run. When the run is resumed, the arguments in ``records.FIXED_ARGUMENTS`` must be
+            the same.
+        identity: digests of all other inputs that determine the results. A resumed run must have the same digests.
         resume: continue an existing run.
 
     Raises:
-        InputError: the folder exists and ``resume`` is false, is another run's, in use, damaged, or not writable.
+        InputError: the folder is another run's, in use, damaged or not writable, or it exists and ``resume`` is false.
     """
 
     def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:

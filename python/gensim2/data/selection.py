@@ -58,7 +58,7 @@ class Selection:
         """Yield each task with its selected episodes by index; tasks without a selected episode are left out.
 
         Raises:
-            InputError: a task is unknown, the collection incomplete, or a file damaged, missing or changed.
+            InputError: a task is unknown, the collection is incomplete, or a file is damaged, missing or changed.
         """
         for name in dict.fromkeys(self.tasks or dataset.tasks):
             store = dataset.task(name)
@@ -72,7 +72,7 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Return the episodes whose clearance, computed from their files, is at least ``least`` (m)."""
+        """Return the episodes whose clearance, computed from their files, is at least ``least`` metres."""
         from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene

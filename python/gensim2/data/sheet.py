@@ -32,7 +32,7 @@ class Shot:
 
     Attributes:
         index: index of the episode.
-        file: image file, relative to the page, with the first state at the top and the last at the bottom.
+        file: image file, relative to the page. It shows the first state at the top and the last state at the bottom.
     """
 
     index: int
@@ -40,7 +40,7 @@ class Shot:
 
 
 def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]:
-    """Write images of up to ``MAX_PICTURES`` rendered demonstrations, at equal intervals of the data set.
+    """Write images of up to ``MAX_PICTURES`` rendered demonstrations, which are at equal intervals in the data set.
 
     Args:
         store: episodes of the task.

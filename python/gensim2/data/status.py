@@ -18,7 +18,7 @@ class TaskStatus:
         held: number of successful episodes (verdict `held`) among the finished episodes.
         strict: number of episodes that pass the verdict `strict` among the finished episodes.
         causes: number of failed episodes by cause, most frequent first.
-        engines: successful episodes by physics engine; empty unless ``engines="both"``.
+        engines: number of successful episodes by physics engine. Empty unless ``engines="both"``.
         disagreed: seeds of the scenes in which only one engine passes `held`.
     """
 
@@ -48,8 +48,9 @@ class Status:
         seconds: wall time of this run, s.
         stored: size of all episodes, bytes.
         free: free disk space, bytes.
-        failed_tries: attempts that failed because a process died, hung or raised an unexpected exception.
-        pace: mean time between finished episodes, s, from the second episode of each worker on; None before.
+        failed_tries: number of attempts that failed because a process died, hung or raised an unexpected exception.
+        pace: mean time between finished episodes, s. It counts from the second episode of each worker on and is None
+            before.
     """
 
     tasks: tuple[TaskStatus, ...]

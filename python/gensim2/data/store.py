@@ -29,7 +29,8 @@ class TaskStore:
     """The episodes of one task in one folder.
 
     Args:
-        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/``, ``failures/`` and finally ``episodes.jsonl``.
+        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/``, ``failures/`` and, when complete,
+            ``episodes.jsonl``.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -76,7 +77,7 @@ class TaskStore:
         return write_episode(self.path(index, episode.held), episode, recording)
 
     def rows(self) -> Iterator[Episode]:
-        """Yield all records of ``episodes.jsonl`` by index, with one in memory at a time.
+        """Yield all records of ``episodes.jsonl`` by index. Only one record is in memory at a time.
 
         Raises:
             InputError: the file is missing because the collection is incomplete, or the file cannot be read. The error

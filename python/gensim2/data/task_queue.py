@@ -1,6 +1,6 @@
 """Track the finished and missing episodes of one task in a collection.
 
-A task's quota is a number of episodes for a data set, or of successes for demonstrations.
+The quota of a task is a number of episodes for a data set, or a number of successes for demonstrations.
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ class Quota:
 def keep_episode(
     folder: Path, index: int, failures: bool, episode: Episode, recording: Recording | None
 ) -> tuple[Episode, int]:
-    """Write an episode into its task's folder, in a worker; return it and the file's size in bytes.
+    """Write an episode into the folder of its task. Return the episode and the size of the file in bytes.
+
+    Workers call this function.
 
     Args:
         failures: also store the states of failed episodes.
@@ -185,10 +187,12 @@ class TaskQueue:
             pass
 
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
-        """Yield a job, numbered from ``first``, for each missing episode; None while others decide on the next.
+        """Yield a job for each missing episode, numbered from ``first``.
 
-        An episode is started only if it is needed even when all running episodes succeed. So neither the number of
-        workers nor the order of results changes which episodes are run.
+        It yields None while the results of running jobs decide on the next one.
+
+        An episode is started only if it is needed even when all running episodes succeed. Therefore neither the number
+        of workers nor the order of the results changes which episodes are run.
         """
         config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)

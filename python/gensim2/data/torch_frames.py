@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class TorchFrames(torch.utils.data.Dataset[dict[str, Any]]):  # type: ignore[misc]
     """Map-style PyTorch data set of tensors, named as in :class:`~gensim2.data.frame_access.FrameAccess`.
 
-    Depth images become int32, because few operations support uint16; the instruction stays a string.
+    Depth images become int32, because few operations support uint16. The instruction stays a string.
     """
 
     def __init__(self, frames: FrameAccess) -> None:

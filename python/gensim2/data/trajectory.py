@@ -1,13 +1,13 @@
 """Write demonstrations in ManiSkill's trajectory format: ``trajectory.h5`` and ``trajectory.json``.
 
-Each finished episode is written atomically under ``episodes/``, so that interruptions lose none.
+Each finished episode is written atomically under ``episodes/``, so an interruption loses no episode.
 :func:`write_trajectory` merges the files in the order of ``episodes``, so the bytes do not depend on the workers.
 
 ManiSkill's own command can replay the result:
 
     python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
 
-The id in ``trajectory.json`` begins with a module, which the command imports to register the environment.
+The id in ``trajectory.json`` begins with a module. The command imports this module to register the environment.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ def write_trajectory(folder: Path, provenance: TrajectoryMetadata, episodes: Seq
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # ``trajectory.h5`` comes first, so that the JSON never refers to missing data. The list of used objects precedes
-    # the episodes in it but is complete only at the end, so entries go to a temporary file, and each episode is read
-    # once.
+    # ``trajectory.h5`` is written first, so that the JSON file never refers to missing data. In the JSON file, the list
+    # of used objects precedes the episodes but is complete only at the end. Therefore entries go to a temporary file,
+    # and each episode is read once.
     with (
         replacing(folder / JSON_NAME) as json_path,
         replacing(folder / H5_NAME) as h5_path,
@@ -146,7 +146,7 @@ def env_kwargs(
         "instances": {name: list(ids) for name, ids in instances.items()},
         **environment,
     }
-    # An id that ends with ``task.env_id`` is a library task; for others the arguments have the definition.
+    # An id that ends with ``task.env_id`` is a library task. For other tasks the arguments have the definition.
     if not _env_id(task).endswith(task.env_id):
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs

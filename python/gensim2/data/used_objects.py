@@ -18,7 +18,7 @@ class ObjectCheck:
     """Checks that the objects have not changed since the episodes of a data set were run.
 
     Objects are compared by a hash of their files and the version of gensim2. A difference is an error if the installed
-    version made the data set, and otherwise a message, once for each object.
+    version made the data set. Otherwise it gives a message, once for each object.
 
     Args:
         dataset: data set of the episodes.

@@ -39,7 +39,7 @@ from gensim2.tasks.parse import parse_task
 Frame = npt.NDArray[np.uint8]
 
 LONG = 200
-"""Number of steps above which a video shows every second step, because a frame takes 0.25 s without a GPU."""
+"""Number of steps above which a video shows every second step only, because a frame takes 0.25 s without a GPU."""
 
 
 class _Arguments(BaseModel):
@@ -86,7 +86,8 @@ class Replay:
         reset_kwargs: seed and options of the reset.
         actions: (T, m + 1) actions of T control steps; m is the number of arm joints.
         scene: configuration of the environment.
-        states: recorded states (T + 1, ...) as in ManiSkill's ``env_states``; None if SAPIEN replays.
+        states: recorded states (T + 1, ...) in the form of ManiSkill's ``env_states``. None if SAPIEN replays the
+            actions.
     """
 
     env_id: str
@@ -105,7 +106,8 @@ class Replay:
     def stored(trajectory: Path, episode: int = 0) -> Replay:
         """Read the replay of an episode from ``trajectory.h5`` and the JSON file in the same folder.
 
-        The environment comes from the task in the file; its id, whose module would be imported, is not used.
+        The environment comes from the task in the file. The id in the file is not used, because it would import a
+        module.
 
         Raises:
             InputError: the file or the episode is missing or cannot be used.
@@ -120,7 +122,7 @@ class Replay:
         if found is None:
             raise InputError(f"there is no episode {episode}", file=path, field="episodes")
         reset = found.reset_kwargs
-        # Other reset options of ManiSkill in an untrusted file can set any state of the simulation.
+        # Other reset options of ManiSkill in an untrusted file could set any state of the simulation.
         if unknown := reset.options.keys() - RESET_OPTIONS:
             raise InputError(f"the option {min(unknown)!r:.80} is unknown", file=path, field="reset_kwargs")
         told, task = document.env_info.env_kwargs, parse_task(document.gensim2.task, str(path))
@@ -186,8 +188,9 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
     Args:
         video: file to write, atomically.
-        still: image of the moment when a keypoint is farthest from its start, format by the suffix; None: none.
-        stride: control steps between two frames; None: 1 for short episodes, 2 for long ones.
+        still: image file for the moment when a keypoint is farthest from its start; its suffix determines the format.
+            None: no image.
+        stride: number of control steps between two frames. None: 1 for short episodes and 2 for long ones.
         speed: playback speed. 1 plays in real time, and 2 plays twice as fast.
     """
     shown = _Shown()
@@ -204,7 +207,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """Summary of the frames in a video, with the still image; all frames together would need too much memory."""
+    """Summary of the frames of a video, with the still image. All frames together would need too much memory."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -293,8 +296,9 @@ def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float, *
     Args:
         frames: at least one image (H, W, 3); all images have the same size.
         frames_per_second: frame rate of the video.
-        exact: whether to store a video for programs: it keeps the frame size (see :func:`pixel_format`) and has a key
-            frame every second frame. By default sides are scaled to multiples of 16, which all browsers can play.
+        exact: whether to store a video for programs. Such a video keeps the frame size (see :func:`pixel_format`) and
+            has a key frame every second frame. By default, sides are scaled to multiples of 16, which all browsers can
+            play.
 
     Raises:
         OSError: the encoder ended early, for example because the disk was full.

@@ -161,7 +161,7 @@ class SceneOptions:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Arguments of ``gym.make`` for an environment with these options
+        """Arguments of ``gym.make`` for an environment with these options.
 
         Arguments with default values are left out.
         """

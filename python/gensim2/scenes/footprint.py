@@ -79,7 +79,7 @@ def square(center: Array, half: float) -> Array:
 
 
 def gap_between(first: Array, second: Array) -> float:
-    """Return the gap (m) between two convex outlines, negative if they overlap
+    """Return the gap (m) between two convex outlines, negative if they overlap.
 
     It is the largest gap along an edge's normal.
 

@@ -93,7 +93,7 @@ def _placement(generator: np.random.Generator, ranges: Randomization, preset: Pr
 
 
 def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
-    """Sample factors from log-uniform distributions
+    """Sample factors from log-uniform distributions.
 
     The number of random values is always three, also without a joint.
     """

@@ -56,7 +56,7 @@ class EngineScene(Protocol):
         """Return the total contact force (N) on the robot in the last step."""
 
     def robot_state(self) -> Row:
-        """Return the robot's state (13 + 2 n,) in ManiSkill's format
+        """Return the robot's state (13 + 2 n,) in ManiSkill's format.
 
         It has the root's pose and velocities, then the joints' positions and velocities.
         """

@@ -190,7 +190,7 @@ class HeadlessEnv(SceneAccessMixin):
         return Snapshot(*self._scene.snapshot(), self.elapsed_steps, self._command)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a snapshot after :meth:`reset` with the same seed and options
+        """Continue from a snapshot after :meth:`reset` with the same seed and options.
 
         Another process may have made it.
 

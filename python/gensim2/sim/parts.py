@@ -91,7 +91,7 @@ class ArticulatedPart(ABC):
 
     @abstractmethod
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
-        """Move the object by dx and dy (m, world frame)
+        """Move the object by dx and dy (m, world frame).
 
         Rotate it by dyaw (rad) about the vertical axis through its root.
         """

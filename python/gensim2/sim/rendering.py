@@ -31,7 +31,7 @@ WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 's
 
 
 def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
-    """Light the scene like a room, with ambient light and two lights from above
+    """Light the scene like a room, with ambient light and two lights from above.
 
     ``shadows`` is for the brighter one.
     """

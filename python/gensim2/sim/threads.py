@@ -13,7 +13,7 @@ from gensim2.core.errors import InputError
 
 
 class _Done(gym.Wrapper[Any, Any, Any, Any]):
-    """Placeholder for an environment
+    """Placeholder for an environment.
 
     Its ``reset`` and ``step`` return a thread's result to gymnasium's ``SyncVectorEnv``.
     """

@@ -11,8 +11,8 @@
 | ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
 | ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
-An asterisk in the table stands for any name in the row's middle column. Actions, rewards, ``success`` and ``done`` come
-from the recorded episode. Names have no slash, which other tools interpret as a folder.
+An asterisk in the table stands for any name in the middle column of the row. Actions, rewards, ``success`` and ``done``
+come from the recorded episode. Names have no slash, because other tools interpret a slash as a folder.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from gensim2.perception.observation import (
 )
 
 XYZ, RGB, IDS = "pointcloud/xyz", "pointcloud/rgb", "pointcloud/segmentation"
-"""Cloud arrays of observation files: positions (N, 3) int16 in 0.1 mm, colours (N, 3) uint8, ids (N,) int16."""
+"""Cloud arrays of observation files: positions (N, 3) int16 in 0.1 mm, colours (N, 3) uint8, and ids (N,) int16."""
 STORED = {
     STATE: "proprioception/qpos",
     VELOCITY: "proprioception/qvel",
@@ -87,7 +87,8 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: whether the points are the simulator's keypoints, exported as ``environment_state``, not a cloud.
+        known: whether the points are the simulator's keypoints. They are exported as ``environment_state`` instead of a
+            cloud.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:
@@ -101,7 +102,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the camera array, such as ``cameras/left/rgb``, of an exported column; None without a camera."""
+    """Return the camera array of an exported column, such as ``cameras/left/rgb``. None if the column has no camera."""
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)
@@ -123,10 +124,13 @@ def column_in_lerobot(name: str) -> str | None:
 
 
 def current(camera: str) -> str:
-    """Return the current name of a camera; old exports have names such as ``cameras/left``."""
+    """Return the current name of a camera. Old exports have names such as ``cameras/left``."""
     return camera.removeprefix(f"{_CAMERAS}/")
 
 
 def formerly_nested(group: str) -> str | None:
-    """Return today's prefix for a group of old zarr exports, such as ``image_`` for ``image_cameras``; else None."""
+    """Return the current prefix for a group of old zarr exports, or None for other groups.
+
+    The group ``image_cameras`` has the prefix ``image_``.
+    """
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -1,7 +1,7 @@
 """Export a data set to other formats.
 
 An export to LeRobot or zarr has the observations and actions from which policies learn. Its folder ``gensim2/`` has the
-original episodes, a hundred times smaller, with which it can be rendered again, replayed and imported.
+original episodes, which are a hundred times smaller. The export can be rendered again, replayed and imported from them.
 """
 
 from __future__ import annotations
@@ -47,14 +47,15 @@ def export(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
-    """Export episodes with a data set card, atomically, and return their number.
+    """Export episodes with a data set card and return their number. The export appears only when it is complete.
 
     Args:
         out: new or empty folder outside the data set.
-        to: ``"maniskill"`` (folders to replay), ``"lerobot"`` (v3.0) or ``"zarr"`` (as Diffusion Policy).
+        to: ``"maniskill"`` (folders that ManiSkill replays), ``"lerobot"`` (v3.0) or ``"zarr"`` (as Diffusion Policy
+            reads it).
         selection: filter of the episodes.
         observations: include rendered point clouds and images.
-        assets: current folder of the objects, for ManiSkill and clearance; None: the recorded folder.
+        assets: current folder of the objects, used for ManiSkill and the clearance. None: the recorded folder.
 
     Raises:
         InputError: an argument or a file cannot be used.
@@ -162,7 +163,10 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """Return the contents of ``dataset.json``; ``complete``: the export has all episodes of a complete data set."""
+    """Return the contents of ``dataset.json``.
+
+    ``complete`` is true if the export has all episodes of a complete data set.
+    """
     record = dataset.record
     tasks = {store.name: record.tasks[store.name] for store, _ in chosen}
     count = sum(len(rows) for _, rows in chosen)

@@ -32,7 +32,7 @@ class Frames:
         sentence: instruction of the task.
         columns: arrays (T, ...) by name. ``action`` (float32) has the m arm targets and the gripper command from -1 to
             1, without added noise. ``reward`` (float32) is 1 if the goal is reached; ``success`` and ``done`` are bool.
-            The others are named as in :mod:`gensim2.perception.observation`.
+            Other columns have the names of :mod:`gensim2.perception.observation`.
     """
 
     sentence: str
@@ -50,7 +50,7 @@ def frames_of(
     """Return the frames of a recorded episode.
 
     Args:
-        observation: (T + 1, ...) arrays of the observation file; the last row, without an action, is dropped.
+        observation: (T + 1, ...) arrays of the observation file. The last row has no action and is dropped.
         known: whether the point cloud consists of keypoints; such a cloud becomes ``environment_state``.
 
     Raises:

@@ -1,10 +1,10 @@
 """Import exported data sets.
 
 A ManiSkill export stores complete episodes in its trajectories. A LeRobot or zarr export stores frames and, in a
-subfolder, the original episodes, which are copied after a comparison with the frames.
+subfolder, the original episodes. The import compares these episodes with the frames and copies them.
 
-An export may be untrusted: its files are compared with its manifest, parsed in a process with limited memory, and the
-resulting episodes are counted.
+An export may be untrusted. Therefore its files are compared with its manifest and parsed in a process with limited
+memory, and the resulting episodes are counted.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
     """Make a data set from an export of :func:`~gensim2.data.formats.export.export` and return the number of episodes.
 
     Imported episodes are byte-identical. Observations are not imported; :func:`~gensim2.data.rendering.render` adds
-    them again. A subprocess reads the episodes, so a script must call this below ``if __name__ == "__main__":``.
+    them again. A subprocess reads the episodes, so a script must call this function below ``if __name__ ==
+    "__main__":``.
 
     Args:
         path: folder of the export.
@@ -133,7 +134,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """Return the first part in which two episodes differ, or None; of clouds and images only the number counts."""
+    """Return the first part in which two episodes differ, or None. Only the number of clouds and images is compared."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

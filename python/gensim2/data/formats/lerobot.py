@@ -50,7 +50,10 @@ INDICES = {
 
 @dataclass(frozen=True)
 class Totals:
-    """Running sums, minimum and maximum of a feature's elements over the frames, for its statistics."""
+    """Running sums, minimum and maximum of a feature's elements over the frames.
+
+    Its statistics are computed from them.
+    """
 
     count: int
     low: Array
@@ -60,7 +63,7 @@ class Totals:
 
     @staticmethod
     def of(values: Array, picture: bool) -> Totals:
-        """Return count, minimum, maximum, sum and sum of squares of frames (T, ...); images are scaled to 0..1."""
+        """Return count, minimum, maximum, sum and sum of squares of frames (T, ...). Images are scaled to 0..1."""
         found = np.asarray(values, dtype=np.float64)
         if picture:
             found = found.reshape(-1, found.shape[-1]) / 255.0
@@ -119,7 +122,7 @@ class LeRobotWriter:
 
     Args:
         root: new or empty folder.
-        features: features by name; names may contain dots but no slashes, which LeRobot's tools refuse.
+        features: features by name. A name may contain dots but no slashes, because LeRobot's tools refuse slashes.
         fps: frames per second.
         robot: robot type.
 
@@ -254,7 +257,10 @@ class LeRobotWriter:
         self._in_file += size
 
     def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
-        """Write a camera's video of one episode; return the columns that locate it in LeRobot's table of episodes."""
+        """Write the video of a camera for one episode.
+
+        Return the columns that locate it in LeRobot's table of episodes.
+        """
         chunk, file = divmod(number, FILES_PER_CHUNK)
         with replacing(
             self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
@@ -268,7 +274,7 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        """Return LeRobot's table of tasks, with the instructions as its index for pandas."""
+        """Return LeRobot's table of tasks. The instructions are its index for pandas."""
         table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

@@ -1,6 +1,6 @@
-"""Read and write an export's manifest ``gensim2.json``: size and digest of every file.
+"""Read and write ``gensim2.json``, the manifest of an export. It has the size and the digest of every file.
 
-It is checked first. Only ``README.md`` may be changed by the user; unlisted files are not read.
+The manifest is checked first. The user may change only ``README.md``. Unlisted files are not read.
 
 Exports of older versions have no manifest, so their clouds and images are not checked.
 """

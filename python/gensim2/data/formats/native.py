@@ -25,7 +25,7 @@ Read = tuple[TaskStore, Episode, EpisodeResult]
 
 
 def copy_native(source: Path, out: Path) -> None:
-    """Copy a data set's records, tasks, strategies and the episodes in ``episodes.jsonl``, no other files.
+    """Copy the records, tasks and strategies of a data set and the episodes in ``episodes.jsonl``, but no other files.
 
     Raises:
         InputError: a file is missing, lies outside the folder, is not a regular file, is too large, or cannot be read.

@@ -4,7 +4,8 @@
     meta/episode_ends   (episodes,) int64: total number of frames up to the end of each episode
     meta/task           (episodes,) int64: index of the instruction in the list ``tasks`` (attribute of the root group)
 
-zarr format 2, which zarr 2 and 3 read; one episode is in memory at a time. ``zarr_reading`` reads it.
+The file has zarr format 2, which zarr 2 and 3 read. Only one episode is in memory at a time. ``zarr_reading`` reads the
+file.
 """
 
 from __future__ import annotations
@@ -65,10 +66,11 @@ class ZarrWriter:
 
         Args:
             task: instruction of the task.
-            frames: (T, ...) by key, with keys and shapes as in all episodes; no key has a slash.
+            frames: (T, ...) by key. The keys and the shapes of their rows are the same in all episodes, and no key has
+                a slash.
 
         Raises:
-            InputError: a key is missing, new or invalid, or its array's shape differs from earlier episodes.
+            InputError: a key is missing, new or invalid, or the shape of its array differs from earlier episodes.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
             wrong = f"the episode has the keys {sorted(frames)}, but earlier episodes have {sorted(self._arrays)}"
@@ -96,7 +98,7 @@ class ZarrWriter:
 
 
 def _finish_writing() -> None:
-    """After a failed write, wait for zarr's other writes, which would otherwise create the folder again."""
+    """Wait for the other writes of zarr after a failed write. Otherwise they would create the folder again."""
     from zarr.core.sync import sync
 
     async def others() -> None:

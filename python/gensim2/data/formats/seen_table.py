@@ -54,8 +54,8 @@ class SeenTable:
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
             is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
-            # A matrix without a time axis is the same in all frames and stored in ``observations.json``. Readers can
-            # compute a moving camera's pose from the joint positions.
+            # A matrix without a time axis is the same in all frames and is stored in ``observations.json``. Readers can
+            # compute the pose of a moving camera from the joint positions.
             if is_own and arrays[name].ndim == 2:
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
         for camera, link in description.get("camera_links", {}).items():

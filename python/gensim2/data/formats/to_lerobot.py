@@ -17,7 +17,7 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
     """Write episodes as a LeRobot data set. Depth and segmentation are left out, because LeRobot cannot store them.
 
     Args:
-        episodes: frames of each episode; at least one episode, all with the same columns.
+        episodes: frames of each episode. There must be at least one episode, and all must have the same columns.
         out: new or empty output folder.
 
     Raises:

@@ -1,6 +1,7 @@
 """Read untrusted zarr folders in the layout of :mod:`~gensim2.data.formats.replay_zarr`.
 
-Metadata is checked before zarr opens an array: it could unpickle objects, which runs foreign code, or fill the memory.
+Metadata is checked before zarr opens an array. Otherwise zarr could unpickle objects, which runs foreign code, or fill
+the memory.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
 
 
 def array_names(tree: ForeignTree) -> dict[str, str]:
-    """Return the path of each column's array by its current name; old exports nest arrays in folders."""
+    """Return the path of each column's array by the column's current name. Old exports nest arrays in folders."""
     found: dict[str, str] = {}
     for name in tree.sizes():
         parts = name.split("/")

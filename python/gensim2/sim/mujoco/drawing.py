@@ -101,7 +101,7 @@ class SceneRenderer:
 
 
 class MujocoDrawing(StateDrawing):
-    """Object that draws states with MuJoCo as the video camera sees them
+    """Object that draws states with MuJoCo as the video camera sees them.
 
     It has the constructor of :class:`StateDrawing`.
     """
