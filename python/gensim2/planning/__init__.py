@@ -1,4 +1,7 @@
-"""Plan one step in a scene: the arm's motion, its control steps, and the predicted scene after the step."""
+"""Plan one step in a scene.
+
+The result is the arm's motion, its control steps, and the predicted scene after the step.
+"""
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject

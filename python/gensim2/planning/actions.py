@@ -22,10 +22,10 @@ LEAST_GRIP_WEIGHTS, MAX_GRIP_WEIGHTS = 6.0, 15.0
 #: Safety factor: the friction of both fingers can hold this multiple of the object's weight.
 CARRIED_WEIGHTS = 3.0
 
-#: Effective pad radius (m): a pad resists rotation by friction force times this radius.
+#: Effective pad radius (m). A pad resists rotation with the friction force times this radius.
 PAD_ARM = 0.0075
 
-#: Minimum grip force (N) of each finger: the fingers' inertia exceeds that of light objects.
+#: Minimum grip force (N) of each finger. The inertia of the fingers exceeds the inertia of light objects.
 LEAST_GRIP_FORCE = 0.5
 
 #: Gravitational acceleration, m/s².
@@ -37,15 +37,17 @@ HOLD_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Acts:
-    """Gripper commands of a step: the arm moves to the actuation pose, where the fingers may act, then on.
+    """Gripper commands of a step.
+
+    The arm moves to the actuation pose, where the fingers may act, and then continues.
 
     Attributes:
         fingers: finger mode of the strategy, such as "grasp" or "release".
         command: gripper command (-1 to 1) until the fingers act at the actuation pose.
         opening: gripper command while the open hand approaches a grasp, -1 to 1.
         grip: gripper command after the fingers have closed, -1 to 1.
-        gently: whether fingers close at ``CLOSING_SPEED``, so that they push no movable object.
-        before: whether the arm first waits for the fingers to reach ``command``, or moves with them.
+        gently: whether the fingers close at ``CLOSING_SPEED``, so that they do not push a movable object.
+        before: whether the arm waits first until the fingers have reached ``command``, or moves together with them.
         lets_go: whether the hand opens and retreats at the end of the step.
     """
 
@@ -63,13 +65,15 @@ class Schedule:
     """A plan sampled at the control rate, one row for each control step.
 
     Attributes:
-        reference: (N, 2, m) desired joint positions and velocities after each step, drive errors not compensated.
-        ends: (N,) for each row the index of the last row of the arm's motion; its own if the arm stands.
+        reference: (N, 2, m) desired joint positions and velocities after each step, without compensation of drive
+            errors.
+        ends: (N,) index of the last row of the arm's motion for each row; the row's own index if the arm stands still.
         commands: (N,) gripper commands, -1 to 1.
         times: (N,) time on the plan's trajectory that is reached at the end of each step, s.
-        contact: first step of the final approach, from which the hand may touch its target.
+        contact: first step of the final approach. From this step on, the hand may touch its target.
         actuation: first step at the actuation pose.
-        gripped: first step after closing on an object, N for the last step; None without a grasp.
+        gripped: first step after the fingers have closed on an object; N if they close in the last step. None without a
+            grasp.
         released: first step in which the fingers release an object, or None.
     """
 
@@ -91,9 +95,10 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
 
     Args:
         mass: mass of the object, kg.
-        margin: angle (rad) from a pad's pressing direction to the edge of the friction cone; for parallel faces half
-            the cone's opening angle, less for inclined ones. At zero the pads slip.
-        lever: distance (m) of the centre of mass from the pads' line, about which the weight turns the object.
+        margin: angle (rad) from a pad's pressing direction to the edge of the friction cone. For parallel faces it is
+            half the cone's opening angle, and less for inclined faces. At zero the pads slip.
+        lever: distance (m) of the centre of mass from the line through the pads, about which the weight turns the
+            object.
     """
     weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MAX_GRIP_WEIGHTS) * mass * GRAVITY)

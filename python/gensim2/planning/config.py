@@ -38,7 +38,7 @@ def check_strategies(
     profile: RobotProfile,
     files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Check that every step's strategies exist and name only keypoints of its tool and the task's objects.
+    """Check that the strategies of every step exist and name only keypoints of its tool and of the task's objects.
 
     Args:
         task: spec of the task.

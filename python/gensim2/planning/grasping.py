@@ -16,13 +16,13 @@ from gensim2.robots import RobotProfile
 #: Height (m) by which ``move-up`` of the config language raises the hand.
 STRIDE = 0.06
 
-#: Maximum number of feasible grasps to compare, for one with which the next step can use its first strategy.
+#: Maximum number of feasible grasps that are compared to find one with which the next step can use its first strategy.
 COMPARED = 6
 
 #: Motions that pull an object out from under an obstacle before the lift.
 ASIDE = ("move-backward", "move-left", "move-right", "move-forward")
 
-#: Maximum number of grasps with a blocked lift to try again, with a motion ``ASIDE`` before the lift.
+#: Maximum number of grasps with a blocked lift that are tried again with a motion of ``ASIDE`` before the lift.
 DRAWN_OUT = 8
 
 #: Two hand poses count as the same grasp if their distance (m) and rotation angle (rad) are below these limits.
@@ -47,17 +47,18 @@ def grasps_of(
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
-    """Return collision-free grasps of a rigid object, best first, tilted within the strategy's limits.
+    """Return the collision-free grasps of a rigid object, best first. Their tilt is within the strategy's limits.
 
-    The strategy's friction coefficient ranks grasps. If the scene's is lower, grasps that would slip with it move to
-    the end, and grasps near the centre of mass come first, because others slowly rotate in the pads. The scene's
-    coefficient itself would rank too much by small misalignments of the pads.
+    The strategy's friction coefficient determines the order of the grasps. If the scene's coefficient is lower, grasps
+    that would slip with it move to the end. Grasps near the centre of mass then come first, because other grasps slowly
+    rotate in the pads. An order by the scene's coefficient would give too much weight to small misalignments of the
+    pads.
 
     Args:
         world: ``scene`` in the solver's form.
         scene: scene at the start of the step.
         gripper: gripper in the solver's form.
-        lost: (4, 4) hand poses in the object's frame of grasps that slipped; similar grasps come last.
+        lost: (4, 4) hand poses, in the object's frame, of grasps that slipped. Similar grasps come last.
     """
     found = world.grasps(
         name,
@@ -84,13 +85,16 @@ def grasps_of(
 
 
 def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
-    """Return the angle (rad) from a grasp's closing direction to the edge of the smaller friction cone."""
+    """Return the angle (rad) from a grasp's closing direction to the edge of the friction cone.
+
+    The cone belongs to the smaller friction coefficient of strategy and scene.
+    """
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Return the distance (m) of an object's centre of mass from the pads' line; 0 if it is unknown."""
+    """Return the distance (m) of an object's centre of mass from the line through the pads; 0 if it is unknown."""
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]
@@ -98,7 +102,7 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
-    """Return whether two hand poses (4, 4) are the same grasp, also with swapped fingers."""
+    """Return whether two hand poses (4, 4) are the same grasp. They are also the same if the fingers are swapped."""
     from scipy.spatial.transform import Rotation  # imported here because checking arguments does not need SciPy
 
     turn = T_object_hand[:3, :3].T @ other[:3, :3]

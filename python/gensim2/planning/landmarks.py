@@ -20,17 +20,17 @@ UPRIGHT_HEIGHT = 0.1
 ROOM = 0.04
 """Minimum free height (m) above a surface that counts as a floor."""
 BESIDE, EVEN, SIDES = 0.03, 0.01, 3
-"""A floor must be level within ``EVEN`` m and extend ``BESIDE`` m on ``SIDES`` or more of its four sides."""
+"""A floor must be level within ``EVEN`` metres and extend ``BESIDE`` metres to ``SIDES`` or more of its four sides."""
 ABOVE = 0.02
-"""Maximum height (m) of a floor above the keypoint; annotations can lie slightly inside a shelf."""
+"""Maximum height (m) of a floor above the keypoint. Annotated keypoints can lie slightly inside a shelf."""
 
 
 def floor(scene: Scene, name: str) -> Array:
     """Return the point (3,) of the floor below an object's last keypoint, in the base frame.
 
-    The floor is the highest surface below the keypoint, of the object or a fixture, with ``ROOM`` metres of free space
-    above it, that on at least ``SIDES`` of four sides continues or ends at a wall; otherwise the table top, z = 0 in
-    the world.
+    The floor is the highest surface of the object or of a fixture below the keypoint that has ``ROOM`` metres of free
+    space above it. On at least ``SIDES`` of four sides the surface must continue or end at a wall. Without such a
+    surface, the floor is the table top, z = 0 in the world.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
     up = np.asarray(T_base_world[:3, 2], dtype=np.float64)
@@ -47,7 +47,9 @@ def floor(scene: Scene, name: str) -> Array:
 
 
 def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
-    """Return the intervals of the vertical line through ``point`` inside the bodies, m above the point."""
+    """Return the intervals of the vertical line through ``point`` that lie inside the bodies, metres above the
+    point.
+    """
     return sorted(span for body in bodies for span in _spans_of(body, point, up))
 
 

@@ -51,9 +51,9 @@ def plan_picture(
 ) -> Image.Image:
     """Draw the scene with the arm at the actuation pose, from two sides, and the residuals of the constraints.
 
-    Both views contain the hand, the task's objects, keyframes and targets; without a feasible pose, the arm in the pose
-    with the smallest violation. Object keypoints are orange, tool keypoints green, targets elsewhere purple; unreached
-    keyframes are small.
+    Both views contain the hand, the task's objects, keyframes and targets. If no pose is feasible, they show the arm in
+    the pose with the smallest violation. Keypoints of the object are orange, keypoints of the tool green, and targets
+    at other places purple. Keyframes that were not reached are small.
 
     Args:
         scene: scene in which the step was planned.

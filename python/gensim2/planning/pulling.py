@@ -11,11 +11,11 @@ from gensim2.planning.scene import JointState, Scene, SceneObject
 from gensim2.planning.strategies import KeypointStrategy, PullStrategy
 from gensim2.robots import RobotProfile
 
-#: Cosine between closing direction and joint motion above which a pad pulls by normal force.
+#: Minimum cosine between closing direction and joint motion at which a pad pulls by normal force.
 PADS_PULL = 0.7
 
-#: Number of surface points and of hand poses to try; large, because few points lie on small parts such as a knob, and
-#: many grasps rank higher.
+#: Number of surface points and number of hand poses to try. They are large because few points lie on small parts such
+#: as a knob, and many other grasps have a better rank.
 SAMPLES, TRIALS = 2048, 400_000
 
 
@@ -24,7 +24,7 @@ def pulls_of(
 ) -> list[kpam.Grasp]:
     """Return grasps of an object's moving link, best first.
 
-    Grasps that hook a pad behind the link come first; in each group those near the first keypoint.
+    Grasps that hook a pad behind the link come first. Within each group, grasps near the first keypoint come first.
 
     Args:
         world: ``scene`` in the solver's form.

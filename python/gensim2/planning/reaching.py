@@ -1,4 +1,4 @@
-"""Plan a motion to the actuation pose, if possible without contact with the target before."""
+"""Plan a motion to the actuation pose, if possible without contact with the target before that pose."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import gensim2_kpam as kpam
 #: Clearances (m) between hand and target, tried in this order; the first exceeds the drives' tracking error.
 REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
 
-#: Statuses of plans to repeat with shifted actuation poses, because the first may be unusable.
+#: Statuses of plans that are repeated with shifted actuation poses, because the first pose may be unusable.
 SHORT = ("collision", "not_found", "unreachable")
 
-#: Difference of completed fractions above which a partial motion counts as longer than another.
+#: Minimum difference of completed fractions at which a partial motion counts as longer than another one.
 LONGER = 0.01
 
 
@@ -25,7 +25,7 @@ class Reach:
         problem: solved problem.
         plan: plan of the solver.
         clearance: requested clearance, m.
-        touches: why planning with a clearance failed, if ``plan`` may touch the target early; else None.
+        touches: reason why planning with a clearance failed, if ``plan`` may touch the target early; else None.
     """
 
     problem: kpam.KeypointProblem
@@ -42,10 +42,10 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of the target until the hand is at the actuation pose.
 
-    Clearances are tried in order, and the first complete motion is returned. With None, usually last, the hand may
-    touch the target in the last segment before the actuation pose. If all fail, attempts without a usable hand pose
-    (status in ``SHORT``) are repeated with shifted poses. Then the longest partial motion is returned, with the largest
-    clearance.
+    Clearances are tried in order, and the first complete motion is returned. With the clearance None, which usually is
+    the last, the hand may touch the target in the last segment before the actuation pose. If all clearances fail,
+    attempts without a usable hand pose (status in ``SHORT``) are repeated with shifted poses. If they fail too, the
+    longest partial motion is returned; of equally long motions, the one with the largest clearance.
 
     Args:
         problem_with: function that returns the problem with the given solver options.

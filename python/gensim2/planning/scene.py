@@ -20,7 +20,8 @@ class SceneBody:
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: vertices (N, 3) of hulls, m, body frame; one tuple object per episode, so that planners can cache by it.
+        hulls: vertices (N, 3) of the hulls in the body frame, metres. They stay the same tuple object during an
+            episode, so that planners can cache results by it.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
@@ -101,7 +102,7 @@ class Scene:
     """State of robot and objects at one instant, as the planner needs it.
 
     Attributes:
-        q, qvel: (n,) positions (rad or m) and velocities (per s) of active joints, in the robot's order.
+        q, qvel: (n,) positions (rad or m) and velocities (rad/s or m/s) of the active joints, in the robot's order.
         T_world_base: (4, 4) pose of the robot base in the world.
         objects: objects by name, in the task's order.
         fixtures: bodies that belong to no object, such as the table.
@@ -124,7 +125,7 @@ class Scene:
     finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
-        """Return the mean friction coefficient of fingers and a rigid object; None if one is unknown."""
+        """Return the mean friction coefficient of the fingers and a rigid object. None if one of the two is unknown."""
         surface = self.objects[name].friction
         return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 

@@ -25,8 +25,8 @@ FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 
 def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
     """Serve a web page that animates the plan, and return at once.
 
-    The page shows the arm at the slider's time, hulls, the hand's path, keypoints and keyframes (small if unreached). A
-    grasped object moves along; without a motion the arm is at its start.
+    The page shows the arm at the time of the slider, hulls, the path of the hand, keypoints and keyframes. Keyframes
+    that were not reached are small. A grasped object moves along. Without a motion, the arm is at its start.
 
     Args:
         scene: planned scene.
@@ -128,7 +128,7 @@ def draw_plans(server: Any, plans: Mapping[str, kpam.Plan], profile: RobotProfil
 
     Args:
         server: a ``viser.ViserServer``.
-        plans: plans by name, base frame; with several, labels begin with the first word of the name.
+        plans: plans in the base frame by name. If there are several, labels begin with the first word of the name.
     """
     labels = []
     for name, plan in plans.items():

@@ -33,9 +33,10 @@ class StepPlan:
         width: distance between the finger pads at the grasp of ``picks``, m.
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
-        touches: why planning without early contact failed; None if ``plan`` has no such contact.
+        touches: reason why planning without early contact failed. None if ``plan`` has no early contact.
         whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
-        foreseen: plan of a later step with the grasped object as its tool, from the scene ``after``; None if not made.
+        foreseen: plan of a later step that has the grasped object as its tool, from the scene ``after``. None if it was
+            not made.
     """
 
     status: str
@@ -58,8 +59,10 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Quality of the plan, best 0: complete without early contact; 1: complete with early contact; 2: partial; 3:
-        no motion.
+        """Quality of the plan, from 0 (best) to 3.
+
+        It is 0 for a complete plan without early contact, 1 for a complete plan with early contact, 2 for a partial
+        plan, and 3 without a motion.
         """
         if self.schedule is None:
             return 3

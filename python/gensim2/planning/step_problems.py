@@ -20,11 +20,11 @@ from gensim2.tasks.spec import HAND, Step
 #: Joint speed (rad/s) below which the arm counts as at rest.
 AT_REST = 0.01
 
-#: Solver options of executed motions: the margin may shrink to zero; contacts may be deep, because a pressing hand is
-#: commanded into the body (the plan reports it); and a motion may start in contact.
+#: Solver options of executed motions. The margin may shrink to zero. Contacts may be deep, because a pressing hand is
+#: commanded into the body, and the plan reports such contacts. A motion may start in contact.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
-#: Maximum start velocity as a fraction of the limits, slightly below the solver's.
+#: Maximum start velocity as a fraction of the velocity limits, slightly below the fraction that the solver accepts.
 MAX_START_VALUES = 0.45
 
 
@@ -94,7 +94,9 @@ class StepProblems:
         options: Mapping[str, Any],
         more_keypoints: Mapping[str, Array] | None = None,
     ) -> kpam.KeypointProblem:
-        """Return the solver problem of a solver-only config with given finger mode and joint, unlike :meth:`of_step`.
+        """Return the solver problem of a config that has only the solver's fields.
+
+        Unlike in :meth:`of_step`, the caller gives the finger mode and the joint.
 
         Args:
             scene: scene at the start of the step.
@@ -156,7 +158,10 @@ class StepProblems:
 
 
 def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
-    """Return the grasped object's keypoints by bare name (it is the tool); an empty dict for the bare hand."""
+    """Return the keypoints of the grasped object, which is the tool, by bare name.
+
+    Return an empty dict for the bare hand.
+    """
     if tool == HAND:
         # the problem already contains the keypoints of the grasped object, named with the prefix ``<object>/``
         return {}

@@ -35,8 +35,8 @@ class StepPlanner:
     Args:
         profile: profile of the robot.
         options: solver options for every plan.
-        patience: maximum number of reachable grasps, of an object that the next step needs, to try; swapped fingers
-            count as another. None: all, which takes half a minute if all fail.
+        patience: maximum number of reachable grasps to try for an object that the next step needs. The same grasp with
+            swapped fingers counts as another one. None: all grasps, which takes half a minute if all fail.
 
     Attributes:
         profile: profile of the robot.
@@ -70,7 +70,8 @@ class StepPlanner:
             scene: scene at the start of the step, with the robot's velocity.
             step: object and tool of the step.
             strategy: strategy of the step.
-            following: later steps; if one uses ``step``'s object as its tool, a grasp must allow a plan of it.
+            following: later steps. If one of them uses the object of ``step`` as its tool, a grasp must allow a plan of
+                that step.
             warm_start: earlier or predicted plan of the same step, whose pose and path are tried first.
             lost: (4, 4) hand poses, in the object's frame, of grasps that slipped; similar grasps are tried last.
             explain: whether the plan reports the result of every pose that was tried.
@@ -184,7 +185,8 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand, from the grasp or the plan's start, until the release.
+            # A grasped object moves with the hand until its release. It does so from the grasp on, or from the start of
+            # the plan.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
@@ -238,13 +240,16 @@ class StepPlanner:
         return replace(best, status=NO_GRASP, reason=f"none of {len(found)} grasps is reached: {best.reason}")
 
     def _pull(self, scene: Scene, step: Step, strategy: PullStrategy) -> StepPlan:
-        """Plan to grasp and move the link, with the first grasp that is reached freely and allows the whole motion."""
+        """Plan to grasp a link and move it.
+
+        The first grasp is used that is reached without early contact and allows the whole motion.
+        """
         thing = scene.objects[step.object]
         if thing.joint is None or scene.held is not None:
             what = "has no joint" if thing.joint is None else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
         found = pulls_of(self.world.of(scene), scene, thing, self._gripper, strategy)
-        # Without the clearance None: a pull strategy must not touch the object before the grasp.
+        # The clearance None is left out, because a pull strategy must not touch the object before the grasp.
         clearances = [each for each in self._problems.clearances(scene, step, strategy) if each is not None]
         first: kpam.Plan | None = None
         for grasp, swapped in product(found if clearances else (), (False, True)):
@@ -291,7 +296,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return a plan in a predicted scene with the first strategy that has one; None without a plan."""
+        """Return a plan in a predicted scene with the first strategy that yields one. None if no strategy does."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
@@ -316,7 +321,7 @@ def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Gra
         yield grasp, swapped, aside
 
 
-#: Fraction of the full length by which a shortened motion ends before the partial one.
+#: Fraction of the full length by which a shortened motion ends before the partial motion.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")
@@ -400,7 +405,7 @@ class Fingers:
             command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        # Move fingers first, unless they are almost there or only close for the approach.
+        # Move the fingers first, unless they are almost there or only close for the approach.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 

@@ -26,14 +26,18 @@ CENTERED = 0.25
 
 @dataclass(frozen=True)
 class KeypointStrategy:
-    """Strategy given by a solver config (docs/reference/solver.md, and docs/architecture.md on the planner's use).
+    """Strategy given by a solver config.
 
-    Keypoints of the step's object and tool have no prefix; others are ``"<object>/<keypoint>"``.
+    docs/reference/solver.md describes the config, and docs/architecture.md how the planner uses it.
+
+    Keypoints of the step's object and tool have no prefix. Keypoints of other objects are named
+    ``"<object>/<keypoint>"``.
 
     Attributes:
-        config: plain data with the solver's fields and three of the planner: ``contact_speed``, the contact point's
-            maximum speed (m/s) after the actuation pose; ``opening``, the pads' distance (m) while approaching a grasp;
-            and ``makes_room``, an obstacle that the strategy moves away, so that the step needs another strategy.
+        config: plain data with the fields of the solver and three fields of the planner. ``contact_speed`` is the
+            maximum speed (m/s) of the contact point after the actuation pose. ``opening`` is the distance (m) of the
+            pads during the approach to a grasp. ``makes_room`` names an obstacle that the strategy moves away; the step
+            then needs another strategy to do its own motion.
     """
 
     config: Mapping[str, Any]
@@ -57,7 +61,10 @@ class KeypointStrategy:
         return name
 
     def as_step(self) -> KeypointStrategy:
-        """Return this strategy without ``makes_room``, to plan the obstacle's motion as a step of its own."""
+        """Return this strategy without ``makes_room``.
+
+        The motion of the obstacle is then planned as a step of its own.
+        """
         return KeypointStrategy({name: value for name, value in self.config.items() if name != MAKES_ROOM})
 
     @property
@@ -106,19 +113,20 @@ class _FoundGrasp(BaseModel):
 
 
 class GraspStrategy(_FoundGrasp):
-    """Strategy that grasps the step's object with two fingers, searched for on its shape.
+    """Strategy that grasps the step's object with two fingers. The grasp is searched for on the shape of the object.
 
-    The first usable grasp is executed: one with a motion that reaches it and lifts the object, and that of a later step
-    that uses the object as its tool.
+    The first usable grasp is executed. A grasp is usable if a motion reaches it and lifts the object. If a later step
+    uses the object as its tool, the grasp must also allow a motion of that step.
 
     Attributes:
         grasp: search method.
         approach: length of the straight motion with which the open hand approaches the object, m.
         lift: height of the lift, m. The config contains one ``move-up`` motion for every 6 cm.
         tilt: maximum angle (rad) between the direction of the approach and straight down.
-        least_tilt: minimum angle (rad) of the approach from straight down, to lay the object on its side later.
+        least_tilt: minimum angle (rad) between the approach and straight down, for an object that is laid on its side
+            later.
         friction: friction coefficient between pads and object.
-        candidates: maximum number of grasps, each tried also with swapped fingers.
+        candidates: maximum number of grasps. Each grasp is also tried with swapped fingers.
     """
 
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
@@ -145,7 +153,8 @@ class GraspStrategy(_FoundGrasp):
 class PullStrategy(_FoundGrasp):
     """Strategy that grasps the moving link of the step's object and then moves the joint.
 
-    It executes the first grasp reached without early contact that allows the complete motion of the joint.
+    The strategy executes the first grasp that is reached without early contact and allows the complete motion of the
+    joint.
 
     Attributes:
         grasp: search method.
@@ -154,7 +163,7 @@ class PullStrategy(_FoundGrasp):
         let_go: distance by which the open hand retreats at the end, m.
         friction: friction coefficient between pads and object.
         contact_speed: maximum speed of the pads while they grip the link, m/s.
-        candidates: maximum number of grasps, each tried also with swapped fingers.
+        candidates: maximum number of grasps. Each grasp is also tried with swapped fingers.
     """
 
     follow_joint_to: Annotated[float, Field(ge=0, le=1)]
@@ -171,7 +180,8 @@ Strategy = KeypointStrategy | GraspStrategy | PullStrategy
 def centered(strategy: Strategy) -> Strategy:
     """Return the strategy with point tolerances multiplied by ``CENTERED``; unchanged if it has no such tolerance.
 
-    With the full tolerance the solver chooses poses at its edge, without margin and unlike in similar scenes.
+    With the full tolerance, the solver chooses poses at the edge of the tolerance. These poses have no margin and
+    differ from the poses in similar scenes.
     """
     if not isinstance(strategy, KeypointStrategy):
         return strategy
@@ -188,8 +198,9 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
     """Validate a strategy given as plain data.
 
     Args:
-        data: fields of the strategy: without ``grasp`` a solver config (:class:`KeypointStrategy`); with it a
-            :class:`PullStrategy` if it has ``follow_joint_to``, else a :class:`GraspStrategy`.
+        data: fields of the strategy. Without ``grasp``, it is a solver config (:class:`KeypointStrategy`). With
+            ``grasp``, it is a :class:`PullStrategy` if it has ``follow_joint_to``, and a :class:`GraspStrategy`
+            otherwise.
         file: file that contains the data, for error messages.
 
     Raises:

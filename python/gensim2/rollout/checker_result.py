@@ -58,7 +58,7 @@ class WorldCount:
     A mutated world is a successful end state in which one thing was changed so that the task is not done.
 
     Attributes:
-        step: step whose criteria ``done`` are evaluated; None: those of the task's goal.
+        step: step whose criteria ``done`` are evaluated. None: the criteria of the task's goal are evaluated.
         mutation: value of a :class:`Mutation`, or ``DONE`` for worlds in which the task is done.
         subject: name of the object that was changed; empty for worlds in which the arm did nothing.
         criteria: types of the criteria about this object.
@@ -110,7 +110,7 @@ class CheckerResult:
 
     @property
     def recognized(self) -> tuple[int, int]:
-        """Number of successful end states in which the goal holds, and number of all that were built."""
+        """Number of successful end states in which the goal holds, and number of all successful end states."""
         return total([each for each in self.counts if each.step is None and each.mutation == DONE])
 
     @property
@@ -126,7 +126,10 @@ class CheckerResult:
 
     @property
     def reason(self) -> str:
-        """Sentence on the kinds of mutated worlds with wrongly true criteria, most frequent first; may be empty."""
+        """Sentence on the kinds of mutated worlds in which criteria are wrongly true, most frequent first.
+
+        It may be empty.
+        """
         wrong = sorted((each for each in self.of_goal if each.fooled), key=lambda each: -each.fooled)
         if not wrong:
             return ""
@@ -144,8 +147,9 @@ class CheckerResult:
     def summary(self) -> dict[str, Any]:
         """Return the totals as JSON data, without the counts for each mutation.
 
-        Totals: scenes, mutated worlds, number and fraction of those in which the goal wrongly holds, successful end
-        states, and those in which it holds.
+        Totals. They are the numbers of scenes and of mutated worlds, the number and the fraction of mutated worlds in
+        which the goal wrongly holds, the number of successful end states, and the number of these in which the goal
+        holds.
         """
         fooled, worlds = total(self.of_goal)
         done, built = self.recognized

@@ -50,18 +50,20 @@ class EvaluationArguments(SceneArguments, ExecutionArguments, total=False):
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """Options for all episodes of a run, without those of the scenes (:class:`~gensim2.scenes.config.SceneOptions`).
+    """Options for all episodes of a run. Options of scenes are in :class:`~gensim2.scenes.config.SceneOptions`.
 
     Attributes:
         open_loop: whether to plan all steps at the start, each with the first strategy that has a complete plan.
-        one_plan: whether each step is planned once, with its first strategy; deviations are only recorded.
+        one_plan: whether each step is planned only once, with its first strategy. Deviations are then only recorded.
         disturbance: ``"push"`` or ``"drop"``, applied once in an episode at a random time; None for no disturbance.
         attempts: maximum number of attempts from the same initial scene. No attempt follows a success.
-        noise: standard deviation (rad) of noise on joint targets in random periods, recorded without it, too.
-        engines: ``"both"`` also runs each demonstration in the other engine, in which it must succeed, too.
-        scene_source: ``"true"``: the simulator's state; ``"perceived"``: an estimate from clouds by the package's
-            estimator; else the folder of an estimator (``gensim2 perceive train``).
-        depth_noise: noise of estimated scenes (:func:`~gensim2.perception.noise.read_noise`); None: exact depth.
+        noise: standard deviation (rad) of the noise that is added to joint targets in random periods. Targets without
+            noise are recorded, too.
+        engines: ``"both"`` also runs each demonstration in the other engine. The demonstration must succeed in both.
+        scene_source: ``"true"``: the state of the simulator; ``"perceived"``: an estimate from point clouds by the
+            estimator of the package; otherwise the folder of an estimator (``gensim2 perceive train``).
+        depth_noise: noise of the depth images for estimated scenes (:func:`~gensim2.perception.noise.read_noise`).
+            None: exact depth.
 
     Raises:
         InputError: the noise is out of range, or an option cannot be combined with an estimated scene.
@@ -116,7 +118,7 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Configuration of a task's episodes, as picklable plain values, without strategies and seed.
+    """Configuration of a task's episodes as plain values that can be pickled. It has no strategies and no seed.
 
     Attributes:
         scene: settings of the task's scenes.
@@ -132,7 +134,10 @@ class EpisodeConfig:
 
 
 def nested_options(record: Any) -> Any:
-    """Return a run's record, which files store flat, with options in the fields ``scene`` and ``rollout``."""
+    """Return the record of a run with its options in the fields ``scene`` and ``rollout``.
+
+    Files store the record flat.
+    """
     if not isinstance(record, dict):
         return record
     current = with_current_scene(record)

@@ -59,7 +59,7 @@ class Reference:
 
     Attributes:
         joint_positions, joint_velocities: (m,) positions (rad or m) and velocities (rad/s or m/s) of the arm joints.
-        gripper: (2,) commanded distance of the pads, m, and force (N) of each finger, or NaN.
+        gripper: (2,) commanded distance of the pads, m, and force of each finger, N. NaN where unknown.
         action: (m + 1,) action before noise was added; None if no noise was added.
     """
 
@@ -94,8 +94,8 @@ class Controller(Protocol):
     - ``privileged = True``: the constructor also gets ``task`` and ``profile``, and each observation is a
       :class:`PrivilegedObservation` with the true state of the simulator.
     - ``observation_spec``: the required observations, as an :class:`~gensim2.perception.ObservationSpec` or its fields.
-      By default an observation has a point cloud; for privileged controllers only the robot's state. The spec is read
-      before every observation, so a controller can save time with ``PROPRIOCEPTIVE`` when it needs no cloud.
+      By default, an observation has a point cloud; for a privileged controller it has only the robot's state. The spec
+      is read before every observation, so a controller can save time with ``PROPRIOCEPTIVE`` when it needs no cloud.
     - ``reference``: a :class:`Reference`, which is read and recorded after every action. It is None if the action has
       no reference.
     - ``close()``: a method that releases resources such as connections. It is called when the controller is no longer

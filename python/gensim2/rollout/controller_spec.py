@@ -100,9 +100,12 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the controller's name, arguments, source and dependencies, which a resumed run must share.
+        """SHA-256 of the controller's name, arguments, source and dependencies.
 
-        Dependencies are files from the static method ``depends_on``; folders do not count, so files may move.
+        A resumed run must have the same digest.
+
+        Dependencies are the files that the static method ``depends_on`` returns. Their folders do not count, so files
+        may move.
         """
         where, name = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
@@ -130,7 +133,8 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task, in the specification only if the controller estimates scenes; others get it on creation.
+        task: the task. It is in the specification only if the controller estimates scenes; other controllers get the
+            task when they are created.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
     """
@@ -189,7 +193,10 @@ def _module(where: str, target: str) -> ModuleType:
 
 
 def _of_file(path: Path) -> ModuleType:
-    """Import a file as a module, an unchanged file only once; it may import modules from its folder."""
+    """Import a file as a module.
+
+    An unchanged file is imported only once. The file may import modules from its folder.
+    """
     path = path.resolve()
     if not path.is_file():
         raise ControllerError("there is no such file", file=path, remedy=_REMEDY)

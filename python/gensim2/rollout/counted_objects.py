@@ -50,7 +50,7 @@ def all_with_objects(given: Sequence[TaskInput], count: int, seed: int) -> list[
 
 
 def number_of_objects(given: TaskInput) -> int:
-    """Return the number of different objects in the scenes: articulated ones if the task has any."""
+    """Return the number of different objects in the scenes. Only articulated objects count if the task has any."""
     chosen = given.scene.instances
     classes = _articulated(given) or {name: thing.asset_class for name, thing in given.spec.objects.items()}
     drawn = dict(chosen) if isinstance(chosen, frozenset) else dict.fromkeys(classes, chosen)
@@ -70,7 +70,7 @@ def is_counted(instances: str) -> bool:
 def hashes(given: TaskInput) -> list[str]:
     """Return hashes of a few generated objects of each class. The list is empty for a task without generated objects.
 
-    A resumed run compares the hashes; a difference shows a changed generator.
+    A resumed run compares the hashes. A difference shows that a generator has changed.
     """
     chosen = given.scene.instances
     if not is_counted(given.instances) or not isinstance(chosen, frozenset):
@@ -89,6 +89,6 @@ def _articulated(given: TaskInput) -> dict[str, str]:
 def _drawn(given: TaskInput, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
     new = set(given.library.choose(asset_class, "new"))
     ids = tuple(each for each in given.library.sample(asset_class, count + len(new), seed) if each not in new)
-    # Ids ascend, so the first ``count`` would all be small: choose at random.
+    # The ids are in ascending order, so the first ``count`` ids would all be small. Therefore choose at random.
     order = rng(seed, f"objects/{asset_class}").permutation(len(ids))[:count]
     return tuple(ids[number] for number in sorted(order))

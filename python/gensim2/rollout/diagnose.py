@@ -1,6 +1,6 @@
 """Find out why an episode failed, and describe the cause with measured values.
 
-Steps are checked up to the first that was not done; its cause is the first of:
+Steps are checked up to the first step that was not done. Its cause is the first of:
 
 1. the last deviation from the plan that the controller reported in this step;
 2. a fault of the step's last plan;
@@ -120,8 +120,8 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A step that met its criteria can be faulty: the controller gave up after a deviation, a grasp failed, or
-            # criteria held only while the hand held the object.
+            # A step that met its criteria can still be faulty. The controller may have given up after a deviation, a
+            # grasp may have failed, or the criteria may have held only while the hand held the object.
             gave_up = self._given_up(step) if not went_on else None
             return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
@@ -160,7 +160,7 @@ class _Facts:
         return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
 
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Return the fault of a step that did not lift its object or lost it later, else None."""
+        """Return the fault of a step that did not lift its object or lost it later. Return None for other steps."""
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
         wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:

@@ -39,7 +39,8 @@ class Disturbed(WrappedController):
         controller: controller that gives the actions. It is not informed about the disturbance.
         world: world in which the controller acts.
         task: the task. If no step acts on a rigid object, no disturbance occurs.
-        kind: ``"push"``: 3 cm before the hand touches the object; ``"drop"``: opens the carrying fingers.
+        kind: ``"push"`` moves the object by 3 cm before the hand touches it; ``"drop"`` opens the fingers that carry
+            it.
         seed: seed of the episode, which determines the time and the direction of the disturbance.
     """
 
@@ -95,7 +96,7 @@ class Disturbed(WrappedController):
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
     def _touched(self) -> Event | None:
-        """Return the event of the hand's first arrival at the grasp pose; None before."""
+        """Return the event at which the hand first arrives at the grasp pose. Return None before."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 

@@ -1,4 +1,4 @@
-"""Run controllers in a control loop, also on real robots, which do not wait for the controller."""
+"""Run controllers in a control loop. It also runs real robots, which do not wait for the controller."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ THINKING_SHARE = 0.8
 class Asked:
     """Gets actions from a controller without making the robot wait too long.
 
-    A simulated robot waits; a real one needs an action in every control step. Meanwhile it repeats its last command, or
-    stays before the first. It moves only a little, so the late action still fits.
+    A simulated robot waits for the controller. A real robot needs an action in every control step: until the controller
+    answers, it repeats its last command, or stays where it is before the first command. The robot moves only a little
+    meanwhile, so the late action still fits.
 
     Args:
         controller: controller that computes the actions.
@@ -91,7 +92,7 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # After a delay, following steps are shortened, together by half a step at most.
+                # After a delay, the following steps are shortened, but by half a step in total at most.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

@@ -76,7 +76,7 @@ class EpisodeLog:
     def forget(self, index: int) -> None:
         """Remove an episode from ``done``, so that the episode is run again.
 
-        The old line stays until the file is rewritten, but the repeated episode's line counts.
+        The old line stays until the file is rewritten, but only the line of the repeated episode counts.
         """
         del self.done[index]
 
@@ -96,7 +96,9 @@ def log_line(entry: Episode) -> bytes:
 
 
 def episodes_in(path: Path, remedy: str = _REMEDY, *, unreadable: str = _REMEDY) -> Iterator[Episode | None]:
-    """Yield a log's episodes one by one, with one in memory; None for an incomplete last line.
+    """Yield the episodes of a log one by one, or None for an incomplete last line.
+
+    Only one episode is in memory at a time.
 
     Args:
         remedy: advice to the user in the error message about an invalid line.

@@ -71,7 +71,10 @@ def digest(value: Any) -> str:
 
 
 def listing(library: Library, classes: Iterable[str]) -> str:
-    """Return a hash of all ids in the given classes; a resumed run compares it to find changed libraries."""
+    """Return a hash of all ids in the given classes.
+
+    A resumed run compares it to find out whether the library has changed.
+    """
     return digest({name: list(library.instances(name)) for name in classes})
 
 
@@ -81,7 +84,7 @@ def listings(given: Sequence[TaskInput]) -> dict[str, str]:
 
 
 def identity(given: Sequence[TaskInput]) -> dict[str, str]:
-    """Return hashes of a run's tasks, strategies and object ids."""
+    """Return the hashes of a run's tasks, strategies and object ids."""
     return {
         "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
         "strategies": digest([one.strategies for one in given]),

@@ -96,7 +96,7 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def check_scene_source(given: TaskInput) -> str | None:
-    """Check that the planner can get its scene: the simulator's, or an estimate, which needs an estimator.
+    """Check that the planner can get its scene. It is the simulator's scene, or an estimate, which needs an estimator.
 
     Returns:
         Hash that identifies the planner with its estimator, if the scene is estimated; None for the true scene.
@@ -163,7 +163,8 @@ def read_task_inputs(
         Inputs of the tasks that can be run, and, for each skipped task, its name and the reason.
 
     Raises:
-        InputError: two tasks share a name, or :func:`of_these_objects` or :func:`read_task_input` refuses.
+        InputError: two tasks have the same name, or :func:`of_these_objects` or :func:`read_task_input` raises this
+            error.
     """
     assets, word = scene_options(**given).assets, instances_word(**given)
     wanted, skipped = of_these_objects(assets, tasks, word, origin)
@@ -262,15 +263,16 @@ def of_these_objects(
 
     Args:
         assets: library of the objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
-        tasks: library tasks, or folders of tasks; empty: all tasks with ``origin``.
+        tasks: names of library tasks, or folders of tasks. If it is empty, all tasks of ``origin`` are used.
         instances: name of the set of objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
-        origin: the paper's suite (default), or a designer's name; not together with ``tasks``.
+        origin: the paper's suite (default) or the name of a designer. It cannot be combined with ``tasks``.
 
     Returns:
         Names of the tasks that can be run, and, for each other task, its name and the reason why it cannot be run.
 
     Raises:
-        InputError: an unreadable folder, an unknown task, no task to run, or both tasks and an origin.
+        InputError: a folder cannot be read, a task is unknown, no task can be run, or both tasks and an origin are
+            given.
     """
     if tasks and origin is not None:
         raise InputError("cannot be combined with named tasks", field="origin", remedy="give only one")

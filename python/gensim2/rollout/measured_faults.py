@@ -55,7 +55,8 @@ def fault_of_criterion(
         step: step to diagnose.
         measured: measurements while the step was executed.
         at_actuation: measurement at the step's actuation pose; None if unknown.
-        surfaces: objects' surfaces, for the distance of the hand from an object that it did not move.
+        surfaces: surfaces of the objects, for measuring the distance between the hand and an object that it did not
+            move.
     """
     if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
         return Cause.OBJECT_DRIFTED, {"distance": moved}
@@ -86,7 +87,7 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Return a rigid object's motion (m) before the actuation pose; None up to ``DRIFTED``."""
+    """Return how far a rigid object moved before the actuation pose, metres. None if it moved at most ``DRIFTED``."""
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -109,7 +110,7 @@ def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return how far (m) an object slipped in the hand; None without slipping or after its release."""
+    """Return how far an object slipped in the hand, metres. None if it did not slip, or after its release."""
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
@@ -160,7 +161,7 @@ def _of_joint(
 
 
 def _slip(name: str, course: Sequence[float], measured: Sequence[Measurement]) -> float:
-    """Return how far (m) the hand moved on in the object's direction after the object had stopped."""
+    """Return how far the hand moved on in the object's direction after the object had stopped, metres."""
     stopped = next(i for i, travelled in enumerate(course) if travelled > max(course) - 0.1 * LEAST_TRAVEL)
     began = next(i for i, travelled in enumerate(course) if travelled > 0.5 * course[stopped])
     hand = np.stack([_hand(instant) for instant in measured])

@@ -108,18 +108,20 @@ LASTING_SECONDS = 1.0
 
 
 def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] = float) -> bool:
-    """Return whether to evaluate: the last command was kept for the minimum time at rest, or the maximum time.
+    """Return whether to evaluate the episode.
+
+    It is evaluated when the last command was kept for the minimum time with the scene at rest, or for the maximum time.
 
     Args:
         held: time for which the last command has been kept, in seconds or in control steps.
         at_rest: whether the scene is at rest. With None the scene was not measured, and only the minimum time counts.
-        unit: conversion of seconds to ``held``'s unit: ``float``, or :meth:`RobotProfile.steps`.
+        unit: conversion from seconds to the unit of ``held``: ``float``, or :meth:`RobotProfile.steps`.
     """
     return held >= unit(MAX_SETTLE_SECONDS) or (held >= unit(SETTLE_SECONDS) and at_rest is not False)
 
 
 def settle(step: Callable[[], Measurement], before: Measurement, profile: RobotProfile) -> bool:
-    """Keep the last command until the scene is at rest or time is up; return whether it is at rest.
+    """Keep the last command until the scene is at rest or the time is up. Return whether the scene is at rest.
 
     Args:
         step: function that executes a control step with the last command and returns a measurement.

@@ -1,10 +1,11 @@
-"""Test success criteria: count how often they hold in worlds in which the task is not done.
+"""Test success criteria. Count how often they hold in worlds in which the task is not done.
 
-One thing in a successful end state, built from steps and shapes, is changed: a joint stays at its start, or an object
-lies beside its goal. Each :class:`Mutation` states why the task is then not done.
+A successful end state is built from the steps and the shapes. One thing in it is changed: for example, a joint stays at
+its start, or an object lies beside its goal. Each :class:`Mutation` states why the task is not done after the change.
 
-The count shows whether thresholds are right, so worlds must not depend on them: mutations use only the types of
-criteria, such as whether a joint opens or closes, or an object's direction.
+The count shows whether the thresholds of the criteria are right, so the worlds must not depend on these thresholds.
+Mutations use only the types of the criteria, such as whether a joint opens or closes, or the direction in which an
+object moves.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ CARRIED, LIFTED = 0.2, 0.15
 """Displacement (m) of an object that was moved or lifted."""
 
 LOWERED_FROM = (0.02, 0.0, -0.02)
-"""Heights (m) above a container's point from which an object is lowered; the first free one is used."""
+"""Heights (m) above a container's point from which an object is lowered. The first free height is used."""
 
 HAND_ABOVE = 0.15
 """Height (m) of the hand above an object that it has not reached."""
@@ -88,7 +89,8 @@ class _State:
 
     Attributes:
         objects: objects with their poses.
-        carried: rigid objects in articulated ones, name to name.
+        carried: rigid objects inside articulated objects, as a mapping from the name of the rigid to the name of the
+            articulated object.
         hand: (3,) point between the fingertips, m; None at the start of the episode.
     """
 
@@ -100,7 +102,7 @@ class _State:
         return replace(self, objects={**self.objects, **changed})
 
     def with_openness(self, name: str, openness: float) -> _State:
-        """Set an articulated object's openness; rigid objects in its moving part, such as a drawer, move along."""
+        """Set the openness of an articulated object. Rigid objects in its moving part, such as a drawer, move along."""
         before = self.objects[name]
         after = replace(before, openness=openness)
         moved = {name: after}
@@ -119,7 +121,7 @@ class _Mutant:
         mutation: kind of change that makes the step undone.
         subject: name of the object that the change concerns.
         state: changed state of the scene.
-        settles: whether objects may fall, so that the state is simulated before criteria are evaluated.
+        settles: whether objects may fall. If so, the state is simulated before the criteria are evaluated.
     """
 
     mutation: Mutation
@@ -202,7 +204,10 @@ class _Worlds:
         return _carried(state, step.object, way) if way is not None else state
 
     def _put_of(self, step: Step) -> tuple[str, str] | None:
-        """Return the rigid object that a step places and the object on or in which it does; None for others."""
+        """Return the rigid object that a step places, and the object on or in which the step places it.
+
+        None for other steps.
+        """
         if step.tool != HAND:
             return (step.tool, step.object) if self._task.motion_of(step) is None else None
         on = [c for c in self._criteria(step) if isinstance(c, RigidOnRigid) and c.rigid == step.object]
@@ -217,7 +222,10 @@ class _Worlds:
         return step.done or (self._task.success if step is self._task.steps[-1] else ())
 
     def _way(self, step: Step) -> Array | None:
-        """Return the displacement (3,), m, of a rigid object that meets the criteria; None if none is required."""
+        """Return the displacement (3,) of a rigid object that meets the criteria, metres.
+
+        None if the criteria require none.
+        """
         about = [c for c in self._criteria(step) if step.object in c.objects]
         way = np.zeros(3)
         for criterion in about:
@@ -257,7 +265,7 @@ class _Worlds:
 
         Args:
             step: the step that is not done.
-            before: state before the step, with the original position of its object.
+            before: state before the step, in which the object has its original position.
             after: state in which the step is done.
         """
         if (motion := self._task.motion_of(step)) is not None:

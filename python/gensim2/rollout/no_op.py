@@ -1,4 +1,7 @@
-"""Run the no-op baseline: the same scene with a still arm. A goal reached there is no success of the robot."""
+"""Run the no-op baseline, which is the same scene with a still arm.
+
+If the goal is reached in the baseline, it is no success of the robot.
+"""
 
 from __future__ import annotations
 
@@ -74,14 +77,15 @@ def no_op_baseline(
 ) -> NoOpResult:
     """Simulate the scene of a seed without the arm, and return whether the goal is reached without any action.
 
-    The arm is omitted: at rest it touches nothing, and the simulation is ten times faster. After ``steps`` it continues
-    until the scene is at rest; it ends if nothing moves in the first ``UNMOVED_SECONDS``.
+    The arm is left out: at rest it touches nothing, and the simulation is ten times faster without it. After ``steps``,
+    the simulation continues until the scene is at rest. It ends early if nothing moves in the first
+    ``UNMOVED_SECONDS``.
 
     Args:
         world: simulated world, which is reset first.
         seed: seed of the reset.
         options: options of the reset.
-        steps: control steps; default: the task's limit less the maximum time to come to rest.
+        steps: number of control steps. By default it is the task's step limit minus the maximum time to come to rest.
     """
     steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
     longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)

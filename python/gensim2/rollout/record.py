@@ -64,7 +64,8 @@ class StrictMiss(StrEnum):
     NOT_LASTING = "goal undone a second later"
     MOVING = "still moving a second later"
     DISTURBED = "moved before the actuation pose"
-    # Only in records of old versions; later, the goal itself requires the object in the container.
+    # Only records of old versions have this value. In later versions, the goal itself requires the object in the
+    # container.
     NOT_INSIDE = "not inside the container"
     OTHERS_MOVED = "another object moved"
     PRESSED_IN = "pressed into something"
@@ -80,7 +81,8 @@ class ObjectRecord:
         yaw: random rotation about the vertical, rad.
         openness_start, openness_end: openness of the joint at start and end; None for a rigid object or if not finite.
         pose_end: (7,) pose of a rigid object at the end; None for an articulated object or if not finite.
-        default_pose: pose before displacement: ``"default"`` (earlier ``"ours"``) or ``"original"``; None if given.
+        default_pose: pose before the displacement: ``"default"`` (formerly ``"ours"``) or ``"original"``. None if the
+            pose was given.
         mass_factor, contact_friction_factor, joint_friction_factor: random factors on mass and friction.
     """
 
@@ -111,8 +113,8 @@ class PlanRecord:
         at_step: control step at which the plan was made.
         trigger: ``"start"``, or the deviation that caused replanning.
         ran: number of control steps executed.
-        detail: measured values of a failed planning, such as residuals, an unreachable keyframe or colliding bodies, in
-            m or rad; empty after success.
+        detail: measured values of a failed planning, in m or rad, such as residuals, an unreachable keyframe or
+            colliding bodies. Empty after a success.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -132,7 +134,8 @@ class StepRecord:
 
     Attributes:
         plans: plans, oldest first. There is more than one plan after a deviation or a failed strategy.
-        paper: whether the step's criterion was ever met during the step (``paper`` verdict); true without one.
+        paper: whether the criterion of the step was met at any time during the step (verdict ``paper``). True if it has
+            no criterion.
         done: whether the step's criterion was met when the step ended.
     """
 
@@ -150,7 +153,7 @@ class StepRecord:
 
     @property
     def replans(self) -> int:
-        """Return the number of plans after the start of the step, without those that compare strategies."""
+        """Return the number of plans after the start of the step. Plans that only compare strategies do not count."""
         return sum(plan.trigger != START for plan in self.plans)
 
 
@@ -203,9 +206,11 @@ class Episode:
         steps: steps that were started.
         control_steps: number of executed control steps, including the steps in which the scene came to rest.
         paper: ``paper`` verdict: each step's criterion was met at some control step of this step.
-        held: ``held`` verdict: the goal holds at the end, at rest, and not in the no-op baseline.
-        strict: ``strict`` verdict (docs/reference/episodes.md); ``strict_misses`` has the missed conditions.
-        still: whether the goal holds in the no-op baseline, without the arm; None if not needed.
+        held: verdict ``held``: the goal holds at the end, with the scene at rest, and does not hold in the no-op
+            baseline.
+        strict: verdict ``strict`` (docs/reference/episodes.md). ``strict_misses`` lists the conditions that are not
+            met.
+        still: whether the goal holds in the no-op baseline, without the arm. None if the baseline was not needed.
         settled: whether the scene was at rest when the episode was evaluated. The ``held`` verdict requires this.
         truncated: whether the episode was longer than the task allows.
         cause: reason why the episode does not pass ``held``; None if it passes.
@@ -215,10 +220,10 @@ class Episode:
         attempts: all attempts from the same start, in order, if several attempts were allowed. All other fields
             describe the attempt that counts (:func:`gensim2.rollout.run.attempted`).
         disturbed_at: control step of the disturbance; None without a disturbance.
-        engines: verdicts by engine if the episode ran in two, of which both must pass; else empty. ``cause``,
-            ``diagnosis``, ``strict_misses`` and ``still`` are the first failing engine's, other fields the first
-            engine's.
-        index: position in the log or data set, or -1; ignored in comparisons.
+        engines: verdicts by engine if the episode ran in two engines, which must both pass; else empty. In this case,
+            ``cause``, ``diagnosis``, ``strict_misses`` and ``still`` come from the first engine that fails, and other
+            fields from the first engine.
+        index: position in the log or data set, or -1. Comparisons of episodes ignore it.
         episode_digest: SHA-256 of the episode's file; None without a file.
     """
 

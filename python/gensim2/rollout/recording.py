@@ -29,12 +29,13 @@ class Recording:
         control_mode: control mode of the actions, as in ManiSkill.
         actions: (T, m + 1) float32 actions.
         obs: (T + 1, D) float32 state observations.
-        env_states: float32 states (T + 1, ...) of bodies: ``actors`` and ``articulations`` by name.
+        env_states: float32 states (T + 1, ...) of the bodies. ``actors`` and ``articulations`` have them by name.
         rewards: (T,) float32 rewards.
         terminated, truncated, success: (T,) bool flags.
-        reference: planned motion, if reported, as float32 arrays (T, ...): ``joint_positions`` and ``joint_velocities``
-            (m), ``tool_pose`` (7, base frame), ``gripper`` (2: pads' distance, m, and each finger's force, N), and with
-            noise the noise-free ``action`` (m + 1). NaN where unknown.
+        reference: planned motion as float32 arrays (T, ...), if the controller reports it. ``joint_positions`` and
+            ``joint_velocities`` have m values in a row, ``tool_pose`` 7 (base frame), and ``gripper`` 2: the distance
+            of the pads, m, and the force of each finger, N. With noise there also is ``action`` without noise, m + 1
+            values. Unknown values are NaN.
     """
 
     seed: int
@@ -56,7 +57,7 @@ class Recording:
 
     @property
     def meant(self) -> npt.NDArray[np.float32]:
-        """Return the actions (T, m + 1) without added noise; without a new one, the last is repeated."""
+        """Return the actions (T, m + 1) without added noise. Steps without a new action repeat the last one."""
         if "action" not in self.reference:
             return self.actions
         given = self.reference["action"]
@@ -123,7 +124,7 @@ class Recorder:
         )
 
     def _observed(self) -> npt.NDArray[np.float32]:
-        """Return the observations (T + 1, D); one call computes the tool poses of all steps, to save time."""
+        """Return the observations (T + 1, D). One call computes the tool poses of all steps, which saves time."""
         obs = np.stack(self._obs)
         joints = len(self._world.profile.reset_qpos)
         obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])
@@ -150,7 +151,7 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         if meant.action is not None:
             found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
     found["joint_positions"][steps] = joints[:, :size]
-    # A row of ``joints`` is NaN, without a tool pose, if no joint positions were planned.
+    # A row of ``joints`` is NaN if no joint positions were planned. Such a row gets no tool pose.
     known = np.isfinite(joints).all(axis=1)
     if known.any():
         found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])

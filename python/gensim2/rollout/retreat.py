@@ -18,7 +18,9 @@ from gensim2.tasks.measurement import Measurement
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06
-"""Distance (m) of gripper and object keypoints below which the hand is near; above that of ``strict``."""
+"""Distance (m) between keypoints of gripper and object below which the hand is near. It is larger than in
+``strict``.
+"""
 CLEAR = 0.003
 """Distance (m) between hand and object below which the planner assumes that they are in contact."""
 SPEED = 0.5
@@ -63,7 +65,8 @@ def planned_retreat(
     Args:
         world: planning world of the episode.
         names: objects that the hand has acted on.
-        near: whether a hand keypoint is near these objects; if not, contact of other hand parts is checked.
+        near: whether a keypoint of the hand is near these objects. If none is, contact of other parts of the hand is
+            checked.
 
     Returns:
         The motion; None if the hand is not near the objects, or no motion is found.
@@ -83,7 +86,7 @@ def planned_retreat(
     home = solver.plan_to(last, goal, velocity_scale=SPEED, acceleration_scale=SPEED).trajectory
     if home is not None:
         rows += list(home.sample_every(1.0 / profile.control_hz)[1:])
-    # Without a motion to the rest pose, for example at an open door, only move away from the objects.
+    # There is no motion to the rest pose, for example at an open door. Only move away from the objects.
     elif not rows:
         rows = _straight_out(solver, q, profile)
     if not rows:

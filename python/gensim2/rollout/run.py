@@ -66,11 +66,13 @@ def run(
 ) -> EpisodeResult:
     """Run one episode and evaluate it.
 
-    The controller acts until it ends the episode, the step limit, or an empty cloud. Then the last command is kept
-    until the scene is at rest, and the episode is evaluated; these steps belong to it, so a replay ends in the same
-    state. If the goal is lost meanwhile and time is left, the controller continues.
+    The controller acts until it ends the episode, until the step limit, or until a point cloud is empty. Then the last
+    command is kept until the scene is at rest, and the episode is evaluated. These steps belong to the episode, so a
+    replay ends in the same state. If the goal is lost while the scene comes to rest and time is left, the controller
+    continues.
 
-    After a reached goal two more simulations follow: on for the ``strict`` verdict, and the no-op baseline.
+    If the goal is reached, two more simulations follow: the scene continues for the verdict ``strict``, and the no-op
+    baseline runs.
 
     Args:
         world: simulated world, which is reset for the episode and again for the no-op baseline.
@@ -78,10 +80,10 @@ def run(
         seed: seed of the reset.
         options: options of the reset.
         record: whether to store states and observations of every step.
-        stop: ``"controller"``: the controller must end the episode before the step limit, or it fails. ``"goal"``: it
-            also ends when the goal has held for ``GOAL_SECONDS`` and holds at rest, and shortly before the step limit
-            for the scene to rest.
-        still: function that returns the no-op baseline, for caching; default: ``no_op_baseline``.
+        stop: rule for the end of the episode. ``"controller"``: the controller must end the episode before the step
+            limit, or the episode fails. ``"goal"``: the episode also ends when the goal has held for ``GOAL_SECONDS``
+            and holds at rest, or shortly before the step limit, so that the scene can come to rest.
+        still: function that returns the no-op baseline, so that a caller can cache it. Default: ``no_op_baseline``.
         every: number of control steps between evaluations of the steps' criteria, for the ``paper`` verdict.
 
     Raises:
@@ -176,7 +178,7 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Return the controller's seed, computed from the scene's seed so that it does not reveal that seed."""
+    """Return the seed of the controller. It is computed from the scene's seed so that it does not reveal that seed."""
     return int(rng(seed, "controller").integers(2**32))
 
 
@@ -303,7 +305,7 @@ class Attempt:
 
     Attributes:
         seed: seed of the solver.
-        first: strategy to try first by step name; other steps keep their order.
+        first: strategy that is tried first, by name of the step. Other steps keep their order of strategies.
     """
 
     seed: int = 0
@@ -320,7 +322,7 @@ class Attempt:
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
     def controller(self, spec: ControllerSpec) -> ControllerSpec:
-        """Return the controller for this attempt; later attempts use another seed and more start values."""
+        """Return the controller for this attempt. Later attempts use another seed and more start values."""
         if self.seed == 0:
             return spec
         options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "num_seeds": NUM_SEEDS}
@@ -338,8 +340,9 @@ class Attempt:
 def attempted(task: TaskSpec, run: Callable[[Attempt], EpisodeResult], max_attempts: int) -> EpisodeResult:
     """Make attempts until one succeeds, and return the result that counts for the episode.
 
-    The first ``held`` attempt counts, else the first ``paper`` one, else the first. All fields but the list describe
-    the attempt that counts. If the no-op baseline reaches the goal, no other attempt is made.
+    The first attempt that is ``held`` counts. If there is none, the first attempt that succeeds by ``paper`` counts, or
+    else the first attempt. All fields except the list describe the attempt that counts. If the no-op baseline reaches
+    the goal, no other attempt is made.
 
     Args:
         run: function that runs an attempt, always from the same initial scene.

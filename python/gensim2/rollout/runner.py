@@ -32,12 +32,12 @@ _REMEDY = "delete the file and resume; its candidates are planned again"
 
 
 class EpisodeRunner:
-    """Context manager that plans and runs episodes in any number of workers, with the same results.
+    """Context manager that plans and runs episodes in any number of workers. Their number does not change the results.
 
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: display, advanced after each job; the caller starts each stage.
+        progress: progress display. It advances after each job; the caller starts each stage.
         rollout: options of all episodes.
         log: file to which the tracebacks of failed jobs are written; None for no log.
 
@@ -80,7 +80,7 @@ class EpisodeRunner:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time (s) of this process and all jobs since creation, without the start of the workers."""
+        """CPU time (s) of this process and all jobs since the runner was created, without the start of the workers."""
         return time.process_time() - self._begin + self._elsewhere
 
     def config(self, task: TaskSpec, instances: Drawn) -> EpisodeConfig:
@@ -94,7 +94,8 @@ class EpisodeRunner:
 
         Args:
             function: function of :mod:`gensim2.rollout.worker`.
-            jobs: jobs with indices and arguments; None while the next depends on an open result.
+            jobs: jobs with indices and arguments. The iterator yields None while its next job depends on a missing
+                result.
             what: name of the jobs in messages to the user.
 
         Raises:
@@ -166,7 +167,10 @@ class EpisodeRunner:
     def trials(
         self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]], log: EpisodeLog | None = None
     ) -> list[Episode]:
-        """Run an episode for each job (strategies by step, seed); logs and order as in :meth:`episodes`."""
+        """Run an episode for each job, which has strategies by step and a seed.
+
+        The log and the order are the same as in :meth:`episodes`.
+        """
         return self.episodes(
             f"{config.task.name}: episodes", [(config, ways, seed) for ways, seed in jobs], worker.trial, log
         )

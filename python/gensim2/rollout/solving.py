@@ -45,9 +45,9 @@ class SolvedStep:
     def to_dict(self) -> dict[str, Any]:
         """Return the step as plain data.
 
-        ``plan`` is the solver's result for the complete motion, even a failure; null if it was not called. After a
-        failure, ``part`` may have the plan of a shortened motion, which moves the object as far as possible and
-        releases it.
+        ``plan`` is the solver's result for the complete motion, also if it is a failure; it is null if the solver was
+        not called. After a failure, ``part`` may have the plan of a shortened motion, which moves the object as far as
+        possible and releases it.
         """
         plan, part = self.found.plan, None
         if self.found.whole is not None:
@@ -71,7 +71,7 @@ class SolveResult:
         objects: class and id of each object, by name.
         steps: planned steps in the order of the task.
         count: number of the task's steps.
-        picture: image of the first step without a complete motion, or the last; None if not made.
+        picture: image of the first step without a complete motion, or of the last step. None if no image was made.
     """
 
     task: str
@@ -86,7 +86,7 @@ class SolveResult:
         return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: ``class`` and ``instance`` of the first object, ``plan`` of the first step."""
+        """Return plain data. ``class`` and ``instance`` are of the first object, and ``plan`` is of the first step."""
         steps = [step.to_dict() for step in self.steps]
         first = next(iter(self.objects.values()))
         return {
@@ -111,8 +111,9 @@ def solve(
 ) -> SolveResult:
     """Plan the steps of a task in the scene of one seed, without executing the plans.
 
-    Steps are planned as in an episode, each on the predicted scene. Strategies are tried until one is complete without
-    early contact; else the best plan is used, maybe partial. It ends at the first step without a motion.
+    Steps are planned as in an episode, each on the predicted scene. Strategies are tried until one has a complete plan
+    without early contact. If none has, the best plan is used, which may be partial. Planning ends at the first step
+    without a motion.
 
     Example:
         ```python
@@ -123,8 +124,10 @@ def solve(
     Args:
         task: name of a library task, or a folder with task.yaml and strategies/.
         seed: seed of the scene.
-        out: folder of ``plan.json`` and ``plan.png``; None: only a picture of an incomplete plan, in the cache.
-        view: function called at the end with scene, first step's plan and robot, for example to show them.
+        out: folder for ``plan.json`` and ``plan.png``. None: only a picture of an incomplete plan is written, into the
+            cache.
+        view: function that is called at the end with the scene, the plan of the first step and the robot, for example
+            to show them.
         scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed selects one of several instances, and
             ``open_loop`` uses only the first strategy of each step.
 

@@ -1,4 +1,4 @@
-"""Evaluate the ``strict`` verdict: the goal and further conditions that a person would require."""
+"""Evaluate the verdict ``strict``. It requires the goal and further conditions that a person would require."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
 """Maximum openness change and displacement (m) of objects before the first actuation pose."""
 
 DEEPEST = 0.001
-"""Maximum penetration (m) of a rigid object into a body; more is an artefact of the contact solver."""
+"""Maximum depth (m) to which a rigid object may penetrate a body. A larger depth is an artefact of the contact
+solver.
+"""
 
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 """Maximum displacement (m) and rotation (rad) of objects that no step acts on."""
@@ -44,7 +46,7 @@ def strict_misses(
     Args:
         world: simulated world one second after the last command.
         start: measurement before the first control step.
-        at_actuation: measurement at the first actuation pose; None: not reported, so that motions before it cannot be
+        at_actuation: measurement at the first actuation pose. None: it was not reported, so motions before it cannot be
             checked.
         before: measurement one control step before ``later``.
     """
@@ -79,7 +81,7 @@ def is_about_the_gripper(task: TaskSpec) -> bool:
 def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]:
     """Return the rigid objects that overlap other bodies by more than ``DEEPEST`` (m).
 
-    The planner's library measures overlaps, independent of engines; those with the robot do not count.
+    The planner's library measures the overlaps, independently of the engine. Overlaps with the robot do not count.
 
     Returns:
         Depth of each overlap (m), by the name of the rigid object and the name of the other body.
@@ -136,7 +138,7 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """Return objects that no step acts on but that moved beyond the tolerance, with displacements."""
+    """Return the objects that no step acts on but that moved farther than the tolerance, with their displacements."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

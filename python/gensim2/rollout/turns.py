@@ -74,8 +74,8 @@ def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int =
 def goal_reached(task: TaskSpec, end: Measurement, turns: Sequence[Turn]) -> bool:
     """Return whether the goal is reached at the end of the episode.
 
-    The final state does not show steps that a later step undoes, such as opening a drawer that is closed later; these
-    must have been done when they were executed.
+    The final state does not show steps that a later step undoes, such as the opening of a drawer that is closed later.
+    Such steps must have been done when they were executed.
     """
     done = {turn.step.name for turn in turns if turn.paper}
     return all_hold(task.success, end) and task.transient <= done
@@ -88,13 +88,13 @@ def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """Return a record of results for each started step; without a history, records made from the turns."""
+    """Return a record of results for each started step. If there is no history, the records are made from the turns."""
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)
     records = history or [StepRecord(name, [], False, False) for name in own]
     return [
-        # A step within a single action has no interval of measurements.
+        # A step that lies within a single action has no interval of measurements.
         replace(record, paper=any(t.paper for t in own[record.name]), done=own[record.name][-1].done)
         if record.name in own
         else record

@@ -55,7 +55,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
     T_hand_object = in_hand(profile, q, measured, plan.picks)
     if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MAX_SLIP:
-        # The object is not between the fingers; their distance does not show it, because weak fingers close slowly.
+        # The object is not between the fingers. Their distance does not show this, because weak fingers close slowly.
         return None
     return Held(plan.picks, T_hand_object, plan.width, plan.force)
 
@@ -71,7 +71,7 @@ def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -
 
 
 def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
-    """Return whether an object differs from the planned scene in position or openness by more than a tolerance."""
+    """Return whether an object differs from the planned scene by more than a tolerance in its position or openness."""
     thing = planned.objects[name]
     if thing.joint is not None:
         return abs(measured.openness[name] - thing.joint.openness) > MAX_OPENNESS_DRIFT

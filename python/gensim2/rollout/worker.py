@@ -47,8 +47,8 @@ PRELOAD: Mapping[Engine, tuple[str, ...]] = {
     "mujoco": (*_PLANNING, "gensim2.sim.headless", "gensim2.sim.mujoco.scene"),
 }
 
-#: Solver options for screening: most of hundreds of candidates fail, so few poses are tried. On CloseLaptop with real
-#: objects results equal those of the defaults, 30 times faster.
+#: Solver options for screening. Most of hundreds of candidates fail, so few poses are tried for each. For CloseLaptop
+#: with real objects, the results are the same as with the default options, and screening is 30 times faster.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "extra_seeds": 0, "candidates": 6, "samples": 200}
 
 #: Result of screening a candidate in one scene. It contains a score from 0 to 1, the reason if the score is below 1
@@ -57,7 +57,7 @@ Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(scenes: Sequence[SceneOptions]) -> None:
-    """Load the modules and data of all episodes, so that the first takes no longer than others.
+    """Load the modules and data of all episodes, so that the first episode takes no longer than the others.
 
     Args:
         scenes: options of the scenes, for each engine of the run.
@@ -73,7 +73,7 @@ def prepare(scenes: Sequence[SceneOptions]) -> None:
 
 @lru_cache(maxsize=2)
 def simulator(scene: SceneConfig) -> HeadlessEnv:
-    """Return the scene's simulator; the last two are cached, because consecutive jobs share them."""
+    """Return the simulator of a scene. The last two simulators are cached, because consecutive jobs share them."""
     from gensim2.sim.headless import HeadlessEnv
 
     return HeadlessEnv(scene)
@@ -83,8 +83,9 @@ def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStra
     """Plan every candidate in the scene of one seed.
 
     Returns:
-        For each candidate a score, a reason and measured values: 1 and None if every step has a complete plan; else the
-        fraction of steps before the first without one, which counts half if it reaches the actuation pose.
+        A score, a reason and measured values for each candidate. The score is 1 and the reason None if every step has a
+        complete plan. Otherwise the score is the fraction of steps before the first step without a complete plan. This
+        step counts half if it reaches the actuation pose.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -116,7 +117,8 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # An error, or a panic in Rust (no Exception in PyO3), in one candidate is a score of 0, not the end.
+        # An error or a Rust panic, which is no Exception in PyO3, in one candidate gives it a score of 0. It does not
+        # end the screening.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}
@@ -124,7 +126,7 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
 
 
 def judge_scene(config: EpisodeConfig, seed: int) -> list[WorldCount]:
-    """Count how often criteria hold in changed copies of a successful end state, in one seed's scene."""
+    """Count how often the criteria hold in changed copies of a successful end state, in the scene of one seed."""
     from gensim2.rollout.mutated import judge
 
     return judge(simulator(config.scene), seed)
@@ -159,7 +161,7 @@ def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
 
 
 def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    """Run one episode as :func:`episode`; return its record and, after a success, its states."""
+    """Run one episode as :func:`episode` does. Return its record and, after a success, its states."""
     found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
@@ -169,7 +171,7 @@ def record(
 ) -> Result:
     """Run one episode as :func:`episode` does, and pass its states to a function in this process.
 
-    With engines ``"both"`` the episode also runs in the other engine, and has the verdicts of both.
+    With engines ``"both"``, the episode also runs in the other engine, and the record has the verdicts of both.
 
     Args:
         keep: picklable function that receives the episode's record and its recorded states, and stores them.
@@ -255,7 +257,7 @@ def _rollout(
 
 
 def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> Controller:
-    """Return an episode's controller; policies are cached, because loading a network takes time."""
+    """Return the controller of an episode. Policies are cached, because loading a network takes time."""
     from gensim2.rollout.controller import is_privileged
     from gensim2.rollout.guarded import Guarded
 

@@ -64,7 +64,7 @@ class World(Body, Protocol):
 
     @property
     def reset_options(self) -> Mapping[str, Any]:
-        """Options of :meth:`reset` that reproduce the current scene together with the last reset's seed."""
+        """Options with which :meth:`reset` reproduces the current scene, together with the seed of the last reset."""
         ...
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
@@ -76,7 +76,7 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the criteria's measurements; without an arm, those of an arm in its start position."""
+        """Return the measurements for the criteria. Without an arm, they are those of an arm in its start position."""
         ...
 
     def scene_state(self) -> Scene:
@@ -97,9 +97,11 @@ class World(Body, Protocol):
         ...
 
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
-        """Return the state observation (D,): joints, their velocities, tool pose (7,), then the objects' values.
+        """Return the state observation (D,).
+
+        It has joint positions, joint velocities, the tool pose (7,), and the objects' values.
 
         Args:
-            tool: whether to compute the tool pose, else NaN; recordings compute all poses together.
+            tool: whether to compute the tool pose; else it is NaN. Recordings compute the poses of all steps together.
         """
         ...
