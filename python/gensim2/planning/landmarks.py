@@ -47,9 +47,7 @@ def floor(scene: Scene, name: str) -> Array:
 
 
 def _spans(bodies: Sequence[SceneBody], point: Array, up: Array) -> list[tuple[float, float]]:
-    """Return the intervals of the vertical line through ``point`` that lie inside the bodies, metres above the
-    point.
-    """
+    """Return the intervals of the vertical line through ``point`` inside the bodies, in metres above the point."""
     return sorted(span for body in bodies for span in _spans_of(body, point, up))
 
 

@@ -1,7 +1,7 @@
 """Train and run policies that map an instruction, a point cloud and the robot's state to actions.
 
-A :class:`PolicyConfig` selects a network's encoders, trunk and head. :func:`train` trains it on data sets and writes a
-:class:`PolicyCheckpoint`, which a :class:`PolicyController` runs in a rollout.
+A :class:`PolicyConfig` selects the encoders, trunk and head of a network. :func:`train` trains the network on data sets
+and writes a :class:`PolicyCheckpoint`. A :class:`PolicyController` runs the checkpoint in a rollout.
 """
 
 from __future__ import annotations

@@ -50,7 +50,9 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.ArrayLike]) -> None:
 
 
 def read_arrays(path: Path, max_bytes: int = MAX_BYTES) -> Arrays:
-    """Read a file of :func:`write_arrays`, also an untrusted one: without pickle, and with all sizes checked.
+    """Read a file that :func:`write_arrays` wrote.
+
+    Untrusted files are safe to read, because pickle is not used and all sizes are checked.
 
     Args:
         path: the ``.npz`` file.
@@ -92,7 +94,7 @@ def _arrays_in(archive: zipfile.ZipFile, max_bytes: int) -> Arrays:
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ValueError(f"{member.filename} contains NaN or infinity")
         if values.dtype.kind == "U":
-            # Decode once, because NumPy does not check code points.
+            # Decode the text once, because NumPy does not check code points.
             content.decode(f"utf-32-{sys.byteorder[0]}e")
         arrays[member.filename.removesuffix(".npy")] = values
     if len(arrays) < len(members):
@@ -105,7 +107,8 @@ def require_shapes(arrays: Arrays, expected: Mapping[str, Expected], path: Path)
 
     Args:
         arrays: the arrays that were read.
-        expected: type and shape by name; None allows any length, equal for all along the first axis.
+        expected: type and shape by name. A length of None is any length; along the first axis it must be the same for
+            all arrays.
         path: file name for the error message.
 
     Raises:

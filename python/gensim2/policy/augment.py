@@ -1,6 +1,7 @@
 """Augment training batches.
 
-They are point jitter and dropout, a colour shift, a yaw of the whole scene, and noise on the arm's joints.
+The augmentations are point jitter, point dropout, a colour shift, a yaw rotation of the whole scene, and noise on the
+arm's joints.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
 OFF = 0.5
 """Fraction of samples whose arm joints are perturbed."""
 HOLDS_COMMAND, HOLDS_WIDTH = 0.9, 0.004
-"""Fingers may hold something below the command ``HOLDS_COMMAND`` and wider than ``HOLDS_WIDTH`` (m)."""
+"""Fingers may hold an object if their command is below ``HOLDS_COMMAND`` and their distance above ``HOLDS_WIDTH``
+(m).
+"""
 
 
 def augmented(
@@ -31,7 +34,8 @@ def augmented(
 ) -> dict[str, torch.Tensor]:
     """Augment a batch by point dropout, jitter, colour shift and yaw.
 
-    Copies of others replace dropped points, a random fraction of each sample up to ``training.dropout``.
+    Dropped points are replaced by copies of other points. In each sample a random fraction of up to
+    ``training.dropout`` is dropped.
 
     Args:
         seen: observation columns (B, T, ...), base frame.
@@ -63,7 +67,7 @@ def augmented(
 
 
 def holds(width: Any, command: Any) -> Any:
-    """Return, element by element, whether fingers may hold an object: closed by command, but apart.
+    """Return element by element whether the fingers may hold an object: the command closes them, but they are apart.
 
     Args:
         width: distance of the finger pads, m.
@@ -75,14 +79,16 @@ def holds(width: Any, command: Any) -> Any:
 def off_its_way(
     batch: Mapping[str, torch.Tensor], profile: RobotProfile, training: TrainConfig, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Perturb the arm's joints in half of the samples, to teach ways back (Ke et al. 2021).
+    """Perturb the arm's joints in half of the samples, to teach motions back to the demonstrated path (Ke et al. 2021).
 
-    All frames of such a sample get the same Gaussian noise, at most ``arm_noise``, on the joints, and tool poses
-    computed again. The noise is subtracted from the relative actions, so that they still lead to the demonstration's
-    joints. Samples in which the hand may hold an object stay, because the object would have to move along.
+    All frames of a perturbed sample get the same Gaussian noise on the joints, with a standard deviation of at most
+    ``arm_noise``. Their tool poses are computed again. The noise is subtracted from the relative actions, so that they
+    still lead to the demonstrated joints. Samples in which the hand may hold an object are not changed, because the
+    object would have to move along.
 
     Args:
-        batch: columns (B, T, ...) in the base frame; clouds without the robot, actions relative to present joints.
+        batch: columns (B, T, ...) in the base frame. Clouds do not contain the robot, and actions are relative to the
+            present joints.
         training: ``arm_noise`` is the largest standard deviation, rad.
         generator: random generator on the tensors' device.
     """

@@ -1,6 +1,7 @@
 """Save and load checkpoints: a folder with ``config.json`` and a safetensors file, without executable content.
 
-``config.json``, written last, names the weights file and its SHA-256: a reader sees the old or the new checkpoint.
+``config.json`` is written last and has the name and the SHA-256 of the weights file. Therefore a reader sees either the
+old or the new checkpoint.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def checkpoint_folder(place: Path | str) -> Path:
 
 
 class CheckpointError(InputError):
-    """A checkpoint is damaged, of another version, or does not fit the robot, the task or the command."""
+    """A checkpoint is damaged, has another version, or does not fit the robot, the task or the command."""
 
 
 class DataRecord(Record):
@@ -55,9 +56,9 @@ class DataRecord(Record):
 
     Attributes:
         digest: hash of all episodes and their observations.
-        episodes, frames: number of episodes and of their frames; a planned scene counts as one frame.
+        episodes, frames: number of episodes and number of their frames. A planned scene counts as one frame.
         noisy: number of episodes recorded with noise on the arm's commands.
-        relabels: number of further frames, of the policy's rollouts with the planner's actions (DAgger).
+        relabels: number of additional frames from rollouts of the policy, with actions of the planner (DAgger).
     """
 
     model_config = ConfigDict(frozen=True)
@@ -126,7 +127,7 @@ class PolicyCheckpoint:
         action: format of the output.
         observation: observations that the policy needs.
         sentences: the S different instructions in the training data.
-        table: (S, ...) encoded ``sentences``, one row each; see :func:`gensim2.policy.text.prepare`.
+        table: (S, ...) encoded ``sentences``, with one row for each; see :func:`gensim2.policy.text.prepare`.
         data: description of the training data.
         training: training settings.
         step: number of gradient steps taken.
@@ -241,7 +242,7 @@ class PolicyCheckpoint:
             folder: the checkpoint's folder, for the message.
 
         Raises:
-            CheckpointError: the checkpoint's weights are neither a default of gensim2 nor ``given``.
+            CheckpointError: the weights of the text encoder are neither a default of gensim2 nor ``given``.
         """
         if self.config.text in PRETRAINED and self.config.text_model not in (CLIP, SENTENCE, given):
             message = f"names the weights {self.config.text_model!r}, which a checkpoint alone does not load"

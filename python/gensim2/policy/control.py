@@ -1,4 +1,7 @@
-"""Replace the policy's cloud by zeros or another scene's cloud, to measure how much the policy uses it."""
+"""Replace the policy's point cloud by zeros or by a cloud of another scene.
+
+This shows how much the policy uses its cloud.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ Sees = Literal["all", "nothing", "other"]
 class Shuffled:
     """Point clouds of training scenes, for the control experiment with the clouds of other scenes.
 
-    The policy gets a random cloud of another scene, to measure how much it depends on the cloud.
+    Random clouds of other scenes. They replace the policy's cloud to measure how much the policy depends on it.
 
     Attributes:
         points: (S, N, 3) points of S clouds, m, base frame.
@@ -81,7 +84,8 @@ class Sight:
     """Replacement of the point clouds that a policy observes, to measure how much the policy depends on them.
 
     Attributes:
-        sees: the policy's cloud: ``"all"``: observed, ``"nothing"``: zeros, ``"other"``: another scene's.
+        sees: cloud that the policy gets. ``"all"``: the observed cloud; ``"nothing"``: zeros; ``"other"``: a cloud of
+            another scene.
         others: clouds of other scenes; None unless ``sees`` is ``"other"``.
     """
 
@@ -100,7 +104,7 @@ class Sight:
         return Sight(sees, Shuffled.of(folder) if sees == "other" else None)
 
     def altered(self, observation: Observation, seed: int) -> Observation:
-        """Return the observation with the replacement; the episode's ``seed`` selects the other scene."""
+        """Return the observation with the replaced cloud. The episode's ``seed`` selects the other scene."""
         if self.sees == "all":
             return observation
         cloud = observation.cloud

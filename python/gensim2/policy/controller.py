@@ -107,22 +107,23 @@ class Attempts:
 
 
 class PolicyController:
-    """Controller that executes the first ``execute`` actions of each predicted chunk, then predicts again.
+    """Controller that executes the first ``execute`` actions of each predicted chunk and then predicts the next chunk.
 
-    The network also predicts for each action whether the episode has ended by then; the controller ends it when this
-    holds for the first action of a new chunk. A hand that stops earlier without an object retraces its path to the
-    start, and the policy tries again.
+    For each action the network also predicts whether the episode has ended by then. The controller ends the episode
+    when the first action of a new chunk is predicted to be after the end. If the hand stops earlier without an object,
+    it retraces its path to the start, and the policy tries again.
 
     Args:
         checkpoint: folder of the checkpoint.
         execute: number of actions of each chunk to execute; None: the checkpoint's setting.
         attempts: maximum number of attempts in an episode.
         denoise_steps: number of denoising steps of diffusion and flow heads; None: the checkpoint's setting.
-        unknown_sentences: untrained instructions: ``"parse"`` uses the training instruction with the same steps or
-            refuses, ``"embed"`` encodes them.
-        text_model: folder or Hugging Face name of the text encoder's weights, if not gensim2's default.
-        sees: the policy's cloud: ``"all"``: observed, ``"nothing"``: zeros, ``"other"``: another scene's.
-        says: mapping from a task's instruction to the one that the policy gets instead.
+        unknown_sentences: treatment of instructions without training. ``"parse"`` uses the training instruction that
+            has the same steps, or refuses the instruction; ``"embed"`` encodes the instruction.
+        text_model: folder or Hugging Face name of the text encoder's weights, if they are not gensim2's default.
+        sees: cloud that the policy gets. ``"all"``: the observed cloud; ``"nothing"``: zeros; ``"other"``: a cloud of
+            another scene.
+        says: mapping from the instruction of a task to the instruction that the policy gets instead.
         threads: number of PyTorch threads.
 
     Raises:
@@ -131,7 +132,7 @@ class PolicyController:
 
     @staticmethod
     def depends_on(checkpoint: str, sees: Sees = "all", **_: object) -> list[Path]:
-        """Return the files that determine the controller; one of them contains the SHA-256 of the weights."""
+        """Return the files that determine the controller. One of them contains the SHA-256 of the weights."""
         return [Path(checkpoint) / CONFIG_JSON, *([Path(checkpoint) / CLOUDS] if sees == "other" else [])]
 
     def __init__(
@@ -178,7 +179,8 @@ class PolicyController:
     def observation_spec(self) -> ObservationSpec:
         """Observations needed at the next step.
 
-        During a chunk only the robot's state is needed, so no cloud is rendered unless past frames are used.
+        During a chunk only the robot's state is needed. Therefore no cloud is rendered unless the policy uses past
+        frames.
         """
         executes = bool(self._plan) and self._policy.config.history == 1
         return PROPRIOCEPTIVE if executes else self._policy.observation
@@ -210,8 +212,8 @@ class PolicyController:
         self._step = observation.step
         looks = observation.cloud is not None
         if not looks and not self._plan and self._acted:
-            # Steps were executed without this controller, so a new chunk is due; the present observation, requested
-            # during the old one, has no cloud, so wait for the next.
+            # Steps were executed without this controller, so a new chunk is due. The present observation was requested
+            # during the old chunk and has no cloud. Therefore wait for the next observation.
             arm = np.asarray(observation[STATE], dtype=np.float32)[: self._policy.action.arm]
             return np.append(arm, np.float32(observation.gripper_command))
         if looks or not self._plan:

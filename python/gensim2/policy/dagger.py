@@ -50,14 +50,17 @@ def train_rounds(
     assets: Path | str | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> TrainResult:
-    """Train on demonstrations, then in rounds on the policy's own states with the planner's actions (DAgger).
+    """Train on demonstrations, then in rounds on states that the policy visited, with the planner's actions (DAgger).
 
-    Each round starts from the last weights, with the demonstrations and all labelled states so far.
+    Each round starts from the weights of the last one. It trains on the demonstrations and on all labelled states so
+    far.
 
     Args:
         folders: data sets of the demonstrations. Rollouts use their tasks and objects, with new seeds.
-        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes the given steps.
-        out: folder of the last checkpoint; ``rounds/`` has the earlier ones and the labelled states.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`. Every training takes the given number of
+            steps.
+        out: folder of the last checkpoint. Its subfolder ``rounds/`` has the earlier checkpoints and the labelled
+            states.
         rounds: number of rounds of rollouts and training after the first training.
         episodes: number of rollouts for each task and round.
         start, resume, device: as for :func:`~gensim2.policy.train.train_policy`.
@@ -65,11 +68,11 @@ def train_rounds(
         assets: folder of the objects; None: the folder recorded in the data sets.
 
     Returns:
-        Result of the last training, with the steps and CPU time of all trainings, without rollouts.
+        Result of the last training. Its steps and CPU time are the sums over all trainings, without the rollouts.
 
     Raises:
-        InputError: several steps or an object without a joint, a policy of other rounds in ``out``, or an argument that
-            :func:`~gensim2.policy.train.train_policy` refuses.
+        InputError: a task has several steps or an object without a joint, ``out`` has a policy of other rounds, or
+            :func:`~gensim2.policy.train.train_policy` refuses an argument.
         NotRunError: some episodes could not be run.
     """
     _check_free(out, resume, rounds)
@@ -118,7 +121,10 @@ def _check_free(out: Path, resume: bool, rounds: int) -> None:
 def _relabel(
     given: TaskInput, path: Path, folder: Path, purpose: str, seed: int, episodes: int, workers: int, progress: Progress
 ) -> Relabels:
-    """Return the planner's labels of a task in a round, from the file ``path`` or from rollouts."""
+    """Return the planner's labels for a task in a round.
+
+    They come from the file ``path`` if it exists, or else from rollouts.
+    """
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner
 

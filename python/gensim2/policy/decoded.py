@@ -58,9 +58,9 @@ class DecodedData:
     Attributes:
         observation: observation spec of the rendered episodes.
         episodes: episodes, in the order of their rows in the arrays.
-        arrays: memory-mapped arrays, a row per frame: ``pointcloud/xyz`` int16 in 0.1 mm, ``pointcloud/rgb`` uint8,
-            proprioception and ``action`` float32. ``action`` has the planned commands without noise; an episode's last
-            row repeats the one before.
+        arrays: memory-mapped arrays with a row for each frame: ``pointcloud/xyz`` int16 in 0.1 mm, ``pointcloud/rgb``
+            uint8, and proprioception and ``action`` float32. ``action`` has the planned commands without noise. The
+            last row of an episode repeats the row before.
         record: description of the data for checkpoints.
     """
 
@@ -87,11 +87,12 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
     """Return the successful, rendered episodes of data sets, from the cache if it contains them.
 
     Args:
-        folders: rendered data sets; unrendered episodes are left out and reported, repeated ones count once.
+        folders: rendered data sets. Episodes that are not rendered are left out and reported; repeated episodes count
+            once.
         tasks: names of the tasks; empty for all.
 
     Raises:
-        InputError: a data set is unreadable or not rendered, something does not fit, or a number is not finite.
+        InputError: a data set is unreadable or not rendered, data sets do not fit together, or a number is not finite.
     """
     sets = [DataSet.open(folder) for folder in folders]
     if not sets:
@@ -218,7 +219,7 @@ def _fill(
 
 
 def _allocate(file: Path) -> None:
-    """Allocate a sparse file's disk space; without it, a full disk would kill the process at a write."""
+    """Allocate the disk space of a sparse file. Without it, a full disk would kill the process when it writes."""
     with file.open("r+b") as stream:
         os.posix_fallocate(stream.fileno(), 0, os.fstat(stream.fileno()).st_size)
 

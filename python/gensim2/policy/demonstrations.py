@@ -81,8 +81,8 @@ class Demonstrations:
 
         Returns:
             Observation columns (B, T, ...), ``sentence`` and ``action``, and the tool poses at the next keyframes if
-            the policy predicts them. T counts the observed frames with the present one; the first frame repeats before
-            the start. After the last training frame the last action repeats, marked as the end.
+            the policy predicts them. T counts the observed frames including the present one; before the start, the
+            first frame is repeated. After the last training frame the last action is repeated, with the end mark.
         """
         back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
         seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
@@ -117,7 +117,7 @@ class Demonstrations:
         return found
 
     def _ahead(self, rows: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
-        """Return tool poses at later keyframes ``keys`` (B, K), relative to the tool pose at frame ``rows[b]``."""
+        """Return tool poses at the later keyframes ``keys`` (B, K), relative to the tool pose at frame ``rows[b]``."""
         now = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][rows]))
         then = torch.from_numpy(np.ascontiguousarray(self._arrays[TOOL_POSE][keys]))
         R = matrix_of_quaternion(now[:, 3:])

@@ -13,7 +13,7 @@ def read_devices(names: str) -> tuple[torch.device, ...]:
     """Return the devices of a training run. The optimizer's state is on the first device.
 
     Args:
-        names: ``"auto"`` (first GPU, else CPU), or PyTorch devices such as ``"cuda:0,cuda:1"``.
+        names: ``"auto"`` (the first GPU, or the CPU without a GPU), or PyTorch devices such as ``"cuda:0,cuda:1"``.
 
     Raises:
         InputError: a device cannot be used, or CPUs and GPUs are mixed.

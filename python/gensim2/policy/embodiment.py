@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gensim2.perception import Observation
 
 FARTHEST = 0.02
-"""Maximum distance (m) between the observed tool position and the computed one of the policy's robot."""
+"""Maximum distance (m) between the observed tool position and the position computed for the policy's robot."""
 
 
 def check_robot(name: str, observation: Observation, folder: Path) -> None:

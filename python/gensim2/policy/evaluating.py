@@ -20,7 +20,9 @@ from gensim2.rollout.inputs import TaskInput, check_counts, read_all_task_inputs
 from gensim2.rollout.run import Stop
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""Control experiments: points at the origin, clouds of other scenes, an arm at rest, the planner with true state."""
+"""Control experiments. ``"blind"`` puts all points at the origin, ``"shuffled"`` shows clouds of other scenes,
+``"no-op"`` keeps the arm at rest, and ``"expert"`` is the planner with the true state.
+"""
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
 CONTROL_EPISODES = 30
@@ -56,7 +58,8 @@ class PolicyResult:
 
     Attributes:
         policy: results of the policy.
-        controls: control results by name: ``"expert"``, the planner, by task, the others for all tasks.
+        controls: results of the controls by name. ``"expert"``, the planner, has results by task; other controls have
+            one result for all tasks.
     """
 
     policy: EvaluationResult
@@ -156,7 +159,8 @@ def evaluate_policy(
         control_episodes: number of episodes of each task in a control experiment, at most ``episodes``.
         arguments: additional arguments of the policy's controller.
         out: output folder, with a subfolder for each control experiment.
-        tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: :func:`~gensim2.evaluation.evaluate`.
+        tasks, episodes, stop, data, videos, seed, runs, resume, progress, scene: as for
+            :func:`~gensim2.evaluation.evaluate`.
 
     Raises:
         CheckpointError: the checkpoint cannot be used with this robot or these tasks.
@@ -171,7 +175,8 @@ def evaluate_policy(
     policy.require_robot(scene_options(**scene).robot, checkpoint)
     given = read_all_task_inputs(names, seed=seed, **scene)
     if "shuffled" in controls:
-        # Check now for the clouds of this control, which would fail only after other evaluations.
+        # Check now that the checkpoint has the clouds of this control. Otherwise it would fail only after other
+        # evaluations.
         Shuffled.of(checkpoint)
     told = dict(arguments or {})
     for name in ("checkpoint", "sees"):

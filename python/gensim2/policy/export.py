@@ -30,7 +30,10 @@ TOLERANCE = 1e-5
 
 
 class Exported(nn.Module):  # type: ignore[misc]
-    """Policy network for export, with separate inputs: cloud, proprio, and text and noise if they are used."""
+    """Policy network for export.
+
+    It has separate inputs for cloud and proprioception, and for text and noise if the policy uses them.
+    """
 
     def __init__(self, network: PolicyNetwork) -> None:
         super().__init__()
@@ -68,10 +71,10 @@ def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, tor
 def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
     """Export a policy's network with batch size 1, and compare its output with the output of the original network.
 
-    ``<name>.json`` describes the use of the exported network: names and shapes of inputs, instructions, observation
-    spec and action format. Inputs have the form of :class:`~gensim2.policy.frames.Inputs`, so the user must transform
-    clouds and poses into the policy's frame. For a keypose policy, ``points_order`` is the expected order of points,
-    and ``classes`` lists the output classes, with ``null`` for the last, "done".
+    ``<name>.json`` describes the use of the exported network: names and shapes of the inputs, instructions, observation
+    spec and action format. The inputs have the form of :class:`~gensim2.policy.frames.Inputs`, so the user must
+    transform clouds and poses into the policy's frame. For a keypose policy, ``points_order`` is the expected order of
+    the points, and ``classes`` lists the output classes; the last class, "done", is ``null``.
 
     Args:
         folder: folder of the checkpoint.
@@ -82,7 +85,7 @@ def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
         the largest deviation of the exported network's output from the original output.
 
     Raises:
-        InputError: an unknown format, an unusable checkpoint, or a difference above 1e-5.
+        InputError: the format is unknown, the checkpoint cannot be used, or the outputs differ by more than 1e-5.
         MissingExtraError: a package is not installed.
     """
     if to not in FORMATS:

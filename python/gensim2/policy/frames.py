@@ -1,8 +1,8 @@
 r"""Convert observations to inputs of the network, in a frame that rotates with the robot's first joint.
 
-The first joint of a robot such as the Panda turns it about its base's z axis; a policy should act alike if scene and
-robot are rotated about this axis. So clouds and tool poses are rotated by :math:`R_z(-q_1)`, the first joint's position
-:math:`q_1` is no input, and actions are relative to the present joints.
+The first joint of a robot such as the Panda rotates the robot about the z axis of its base. A policy should act in the
+same way if scene and robot are rotated about this axis. Therefore clouds and tool poses are rotated by
+:math:`R_z(-q_1)`. The first joint's position :math:`q_1` is no input, and actions are relative to the present joints.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the network, in the policy's frame (see the module) and SI units; settings select the optional ones.
+    """Inputs of the network in the policy's frame (see the module), in SI units. Settings select the optional inputs.
 
     Attributes:
         cloud: (B, T, N, C) points. The channels are x, y, z (m), then red, green, blue (0 to 1) if ``colour`` is set,
             then the coordinates in the tool frame (m) if ``tool_frame`` is set.
-        proprio: (B, T, P): arm joints (with ``joints``), their velocities (with ``velocity``), tool position, tool
-            rotation as six numbers, gripper width, last gripper command. With the frame ``turned``, the first joint is
-            relative to its present position.
+        proprio: (B, T, P) arm joints (with ``joints``), their velocities (with ``velocity``), tool position, tool
+            rotation as six numbers, gripper width, and last gripper command. With the frame ``turned``, the first joint
+            is relative to its present position.
     """
 
     cloud: torch.Tensor
@@ -73,7 +73,7 @@ def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) 
     """Convert observations to the inputs of the network.
 
     Args:
-        seen: observation arrays (B, T, ...) named as in ``SEEN``; poses and points in the base frame.
+        seen: observation arrays (B, T, ...) with the names in ``SEEN``. Poses and points are in the base frame.
         arm: number of the arm's joints. These joints come first in the arrays of joint positions and velocities.
     """
     state = seen[STATE]
@@ -130,7 +130,7 @@ def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, to
 
 
 def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
-    """Check that a ``turned`` policy fits this robot: its first joint must rotate about the base's z axis.
+    """Check that a ``turned`` policy fits this robot. Its first joint must rotate about the z axis of the base.
 
     Raises:
         InputError: the first joint rotates about a different axis; train with the frame setting ``base`` instead.

@@ -1,6 +1,7 @@
 """Predict places, such as the place where the hand acts, with heatmaps over the points of a cloud.
 
-The predicted place is the mean of all points, shifted by predicted offsets and weighted by the heatmap.
+The predicted position is a mean over all points, which are shifted by predicted offsets. The heatmap gives their
+weights.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ def taught_frames(
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (T,) of the frames that are used for training.
 
-    Most frames before the arm starts and after it stops are left out: they look alike and would teach waiting. Frames
-    in which the fingers move before that are kept.
+    Most frames before the arm starts and after it stops are left out. They look alike and would teach the policy to
+    wait. Frames in which the fingers move before the arm starts are kept.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.
@@ -64,9 +64,9 @@ def taught_frames(
 
 
 def next_keyframes(keys: npt.NDArray[np.int64], frames: int, count: int) -> npt.NDArray[np.int64]:
-    """Return the numbers of each frame's next ``count`` keyframes, (frames, count).
+    """Return the indices of the next ``count`` keyframes of each frame, (frames, count).
 
-    A keyframe's list starts with the keyframe after it; if too few remain, the last is repeated.
+    The list of a keyframe starts with the keyframe after it. If too few keyframes remain, the last one is repeated.
     """
     first = np.searchsorted(keys, np.arange(frames) + 1, side="right")
     found: npt.NDArray[np.int64] = keys[np.minimum(first[:, None] + np.arange(count), len(keys) - 1)]

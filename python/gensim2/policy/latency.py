@@ -29,7 +29,7 @@ class Stopwatch:
     """Measures how long each stage of a repeated computation takes.
 
     Args:
-        stages: names of the stages in order; all together are measured as ``total``.
+        stages: names of the stages in order. The time of all stages together is measured as ``total``.
     """
 
     def __init__(self, *stages: str) -> None:
@@ -82,10 +82,12 @@ def measure_latencies(
     settings: dict[str, Any] | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> dict[str, Any]:
-    """Measure the latency of decisions, batch size 1, in a simulated scene; for ``keypose`` without the planner.
+    """Measure the latency of decisions in a simulated scene with batch size 1.
 
-    Stages: ``observation`` (cameras, point cloud, state), ``inputs`` (transformation into the policy's frame),
-    ``network``, and their sum ``total``.
+    The planner of ``keypose`` is not measured.
+
+    The stages are ``observation`` (cameras, point cloud, state), ``inputs`` (transformation into the policy's frame)
+    and ``network``. Their sum is ``total``.
 
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.

@@ -29,21 +29,21 @@ REFUSED = "give a folder that gensim2 learn has made"
 
 
 class LearnRecord(RunSettings):
-    """Content of ``learn.json``: arguments, which a resumed run must share, and progress.
+    """Content of ``learn.json``: the arguments, which must be the same in a resumed run, and the progress.
 
     Attributes:
         minutes: limit of the CPU time for data and training, min.
-        objects: number of generated training objects of each class; None: the objects of ``scene``.
+        objects: number of generated training objects of each class. None: the objects of ``scene``.
         generated: number of generated objects of each class in addition to the objects of ``scene``.
         verify: whether scenes whose plans fail in simulation are left out.
         engines: ``"both"`` if only demonstrations that succeed in both physics engines are used.
         noise: depth noise of the cameras; None for exact depth.
-        text, text_model: text encoder of a policy for several tasks, and its weights, as given.
+        text, text_model: text encoder of a policy for several tasks, and its weights, as the user gave them.
         settings: network and training settings that the user gave.
-        start: folder of the starting policy and the SHA-256 of its ``config.json``; None: from scratch.
+        start: folder of the starting policy and the SHA-256 of its ``config.json``. None: training from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: gradient steps by policy folder, fixed when the policy's training starts.
-        data_cpu_s: CPU time (s) of demonstrations, also copied ones, by policy folder.
+        steps: number of gradient steps by folder of the policy. It is fixed when the training of the policy starts.
+        data_cpu_s: CPU time (s) of the demonstrations by folder of the policy, including copied demonstrations.
         episodes: number of demonstrations of each task, by folder of action-chunk policies.
     """
 
@@ -83,7 +83,7 @@ class LearnRecord(RunSettings):
             yield from differing("demonstrations", self.demonstrations_of, now.demonstrations_of)
 
     def resumed_by(self, now: Self) -> Self:
-        """Return this record with the starting policy's path from ``now``, the resuming command's record."""
+        """Return this record with the path of the starting policy from ``now``, the record of the resuming command."""
         return self.model_copy(update={"start": now.start})
 
     @property
@@ -105,10 +105,11 @@ class LearnRecord(RunSettings):
 class LearnFolder(ResumableFolder[LearnRecord]):
     """Folder of a ``gensim2 learn`` run.
 
-    Training locks this folder, too, with the usual lock file, so the run uses another lock file.
+    Training locks this folder, too, with the usual lock file. Therefore the run uses another lock file.
 
     Raises:
-        InputError: a run with other arguments, a policy of another command, or a run although ``resume`` is false.
+        InputError: the folder has a run with other arguments or a policy of another command, or it has a run and
+            ``resume`` is false.
     """
 
     def __init__(self, out: Path, record: LearnRecord, resume: bool) -> None:
@@ -167,7 +168,7 @@ def take_demonstrations(record: LearnRecord, key: str, folder: Path, out: Path) 
     record.data_cpu_s[key] = there.data_cpu_s.get(key, 0.0)
     if key in there.episodes:
         record.episodes[key] = there.episodes[key]
-    # Save first: a resumed run copies again and still knows the CPU time.
+    # Save the record first, so that a resumed run copies again and still knows the CPU time.
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
     seen_alike = there.observation == record.observation
     leave_out = None if seen_alike else OBSERVATIONS

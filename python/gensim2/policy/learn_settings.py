@@ -36,7 +36,9 @@ OF_CHUNKS = (
     "colour_jitter",
     "arm_noise",
 )
-"""Settings of action-chunk policies only; keypose policies see one uncoloured cloud in the ``turned`` frame."""
+"""Settings that only action-chunk policies have. Keypose policies see one cloud without colours in the ``turned``
+frame.
+"""
 ELSEWHERE = {
     "head": "say it with --policy",
     "text": "say it with --text",
@@ -59,7 +61,7 @@ def learn_configs(
         file: file that contains the settings, for error messages.
 
     Raises:
-        InputError: a field is unknown, invalid, of another kind of policy, or set by ``learn``.
+        InputError: a field is unknown or invalid, belongs to another kind of policy, or is set by ``learn`` itself.
     """
     for name, remedy in ELSEWHERE.items():
         if name in settings:
@@ -80,7 +82,7 @@ def learn_configs(
 def observation_of(policy: PolicyConfig, noise: DepthNoise | None) -> ObservationSpec:
     """Return the observation spec that a policy needs.
 
-    Head and source of the cloud determine the spec; only a cloud's number of points can be set, in the settings.
+    The head and the source of the cloud determine the spec. The settings can change only the number of points.
 
     Raises:
         InputError: camera noise is requested, but the policy's encoder does not use depth images.

@@ -33,7 +33,7 @@ from gensim2.scenes.config import SceneArguments
 from gensim2.scenes.physics import Engines
 
 SCENES = 2000
-"""Default maximum number of scenes of a task; training runs of a few minutes gain nothing from more."""
+"""Default maximum number of scenes of a task. Training runs of a few minutes gain nothing from more scenes."""
 OBJECTS = 200
 """Default number of generated training objects of each class for keypose policies."""
 RESULT_JSON = "result.json"
@@ -231,7 +231,7 @@ def learn(
     together = multi_task or begun is not None
     several = together and (begun is not None or len(given) > 1)
     check_text(text, text_model, [one.spec.description for one in given] if several else (), begun)
-    # The starting policy's tasks are evaluated, too, on other objects than it was trained on.
+    # The tasks of the starting policy are evaluated, too, but on other objects than those in its training.
     before = [] if start is None else taught_before(start, known, seed=seed, **scene)
     listed = [*(given if objects is None else ()), *before]
     if test_instances is None:

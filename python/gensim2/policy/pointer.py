@@ -1,14 +1,14 @@
 r"""Predict the hand's poses at its next keyframes, and pass each prediction to the trunk as a token.
 
-Max-pooling features would lose positions, so poses are predicted from the points, in two stages.
+Features after max pooling would lose the positions. Therefore poses are predicted from the points, in two stages.
 
-The first stage predicts each keyframe's place from a subset of points :math:`x_i`, with weights :math:`w_i` (a heatmap)
-and offsets :math:`o_i`: :math:`p = \sum_i w_i (x_i + o_i)`.
+The first stage predicts the position of each keyframe from a subset of points :math:`x_i`, with weights :math:`w_i` (a
+heatmap) and offsets :math:`o_i`: :math:`p = \sum_i w_i (x_i + o_i)`.
 
-The second stage refines all positions and predicts rotations from the full cloud's points near the predicted place of
-keyframe ``LOOKED_AT``, by their coordinates and Fourier features.
+The second stage refines all positions and predicts rotations. It uses the points of the full cloud near the predicted
+position of keyframe ``LOOKED_AT``, with their coordinates and Fourier features.
 
-Coordinates are in the tool frame, where a keyframe's position is the motion that is left.
+Coordinates are in the tool frame. In this frame, the position of a keyframe is the remaining motion.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BANDS = (1.0, 2.0, 4.0, 8.0, 16.0)
 NEAR = 96
 """Number of points in the second stage."""
 LOOKED_AT = 1
-"""Index of the second stage's keyframe; the first keyframe is often in free space."""
+"""Index of the keyframe around which the second stage selects points. The first keyframe is often in free space."""
 NOISE = 0.01
 """Standard deviation (m) of the noise on the second stage's origin in training."""
 METRE, CENTIMETRES = 0.05, 0.1
@@ -47,7 +47,7 @@ class Pointed:
     """Predictions of both stages for B samples and K keyframes, in the tool's frame.
 
     Attributes:
-        tokens: (B, K + 1, D) tokens: one for each keyframe, one with the second stage's point features.
+        tokens: (B, K + 1, D) one token for each keyframe, and one token with the point features of the second stage.
         points: (B, P, 3) points that the first stage uses, m.
         logits: (B, P, K) logits of the heatmaps.
         places: (B, K, 3) positions predicted by the first stage, m.

@@ -22,7 +22,7 @@ def embeddings(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
 
     Args:
         sentences: S sentences.
-        kind: ``"clip"``: CLIP's projected output; ``"sentence"``: mean of a sentence encoder's tokens (SBERT).
+        kind: ``"clip"``: projected output of CLIP; ``"sentence"``: mean over the tokens of a sentence encoder (SBERT).
         model: folder of weights, or a name on the Hugging Face hub.
 
     Raises:
@@ -78,7 +78,7 @@ def _run(sentences: Sequence[str], kind: str, model: str) -> torch.Tensor:
         text, told = load.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, output_loading_info=True
         )
-        # The unused pooler may be missing; transformers would initialize other missing weights at random.
+        # The pooler is not used and may be missing. transformers would initialize other missing weights at random.
         missing = [name for name in told["missing_keys"] if "pooler" not in name]
         if missing:
             raise ValueError(

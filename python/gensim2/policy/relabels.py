@@ -1,9 +1,9 @@
 """Create labels for DAgger: a label is a state that the policy visited, with the planner's actions from this state.
 
 At the start the planner chooses a strategy and a contact pose. While the policy acts, the planner plans again every
-``EVERY`` control steps; if strategy and contact pose are still the same, state and plan become a label.
+``EVERY`` control steps. If the new plan has the same strategy and contact pose, the state and the plan become a label.
 
-Labelling ends at the approach pose or when the object moves; later plans would first move away, unlike demonstrations.
+Labelling ends at the approach pose or when the object moves. Unlike demonstrations, later plans would move away first.
 """
 
 from __future__ import annotations
@@ -71,14 +71,15 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
-        Arrays of S labels (maybe 0) by name: observations ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2).
+        Arrays of S labels by name; S may be 0. They are the observations ``frames.SEEN`` (S, T, ...) and ``action`` (S,
+        H, m + 2).
 
     Raises:
         InputError: the checkpoint cannot be used.
     """
     env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
     controller = PolicyController(checkpoint)
-    # Read the spec before the first action; during a chunk it may have only the robot's state.
+    # Read the spec before the first action. During a chunk it may contain only the robot's state.
     spec = controller.observation_spec
     config, ways = controller.config, parsed(strategies)
     env.reset(seed)
@@ -143,7 +144,10 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return a plan's actions, without the wait for the fingers at its start if they are already there."""
+    """Return the actions of a plan.
+
+    If the fingers are already in place, the wait for them at the start is left out.
+    """
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
@@ -163,7 +167,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand has passed the approach pose; a new plan would first move it away."""
+    """Return whether the hand has passed the approach pose. From there, a new plan would first move it away."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -229,7 +233,7 @@ class RelabelledSource:
 
     Args:
         demonstrations: the demonstrations.
-        relabels: labels of each task and DAgger round; demonstrations must have their instructions.
+        relabels: labels of each task and DAgger round. The demonstrations must have the instructions of these tasks.
     """
 
     def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
@@ -241,7 +245,10 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch with a fraction ``SHARE`` of labels; the other samples are demonstrations."""
+        """Return a batch in which a fraction ``SHARE`` of the samples are labels.
+
+        The other samples are demonstrations.
+        """
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:

@@ -28,9 +28,9 @@ PATIENCE_S = 10.0
 class Replicas:
     """Replicas of a network in separate processes.
 
-    In each step the replicas get the network's weights and compute gradients, whose mean goes to the network's
-    parameters. Weights and gradients pass through shared memory, in milliseconds. Each replica has its own copy of the
-    data and stores nothing between steps.
+    In each step the replicas get the weights of the network and compute gradients. The mean of these gradients goes to
+    the parameters of the network. Weights and gradients pass through shared memory within milliseconds. Each replica
+    has its own copy of the data and stores nothing between steps.
 
     Args:
         source, config, training: as for :class:`~gensim2.policy.gradient_step.GradientStep`.
@@ -84,7 +84,7 @@ class Replicas:
         if self._replicas:
             _fill(self._weights, _values(self._network))
         for _, pipe, _ in self._replicas:
-            # A dead replica's pipe is broken; ``mean_with`` says why it died.
+            # The pipe of a dead replica is broken. ``mean_with`` reports the cause.
             with contextlib.suppress(BrokenPipeError):
                 pipe.send(step)
 

@@ -22,7 +22,7 @@ def six_of_matrix(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
-    """Return rotations (..., 3, 3) of pairs of non-parallel vectors (..., 6), by Gram-Schmidt."""
+    """Return the rotations (..., 3, 3) that Gram-Schmidt makes of pairs of non-parallel vectors (..., 6)."""
     a, b = six[..., :3], six[..., 3:]
     x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
     y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)

@@ -19,7 +19,9 @@ Unknown = Literal["parse", "embed"]
 
 
 def embeds(word: str) -> bool:
-    """Return whether unknown instructions are encoded; else they are parsed to find one with the same steps.
+    """Return whether unknown instructions are encoded.
+
+    Otherwise they are parsed to find a known one with the same steps.
 
     Args:
         word: value of the option ``unknown_sentences``.
@@ -56,7 +58,7 @@ def taught_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path) -> st
 
 
 def substitutes(says: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Check and return ``says``, which maps instructions to their replacements; empty for None.
+    """Check ``says``, a mapping from instructions to their replacements, and return it. None gives an empty mapping.
 
     Raises:
         InputError: ``says`` does not map strings to strings.
@@ -79,11 +81,11 @@ def sentence_row(
         sentence: the instruction.
         folder: folder of the checkpoint, for error messages.
         embed: whether to encode an instruction that the policy was not trained on.
-        text_model: folder or Hugging Face name of the text encoder's weights, if not gensim2's default.
+        text_model: folder or Hugging Face name of the text encoder's weights, if they are not gensim2's default.
 
     Raises:
-        CheckpointError: without ``embed`` an instruction that is not understood or has other steps than trained ones;
-            or weights that are neither gensim2's default nor ``text_model``.
+        CheckpointError: ``embed`` is false and the instruction is not understood or has steps without training. Or the
+            weights are neither gensim2's default nor ``text_model``.
         InputError: the weights of the text encoder cannot be loaded.
     """
     looks_at_none = policy.config.text == "none" and policy.action.kind != "keypose"

@@ -40,8 +40,8 @@ class Source(Protocol):
             size: B, number of samples.
 
         Returns:
-            Tensors by name: observations ``frames.SEEN`` (B, T, ...), base frame; the index ``sentence`` of each
-            instruction; and the head's targets, policy frame.
+            Tensors by name: observations ``frames.SEEN`` (B, T, ...) in the base frame, the index ``sentence`` of each
+            instruction, and the head's targets in the policy's frame.
         """
         ...
 

@@ -33,7 +33,8 @@ def read_start(start: Path, policy: str, given: Sequence[TaskInput], noise: Dept
         noise: requested camera noise.
 
     Raises:
-        InputError: no readable keypose policy of several tasks, a task that it knows, or another robot or observation.
+        InputError: the folder has no readable keypose policy of several tasks, the policy already knows a task, or it
+            has another robot or observation.
     """
     found = PolicyCheckpoint.load(start)
     if policy != "keypose" or found.action.kind != "keypose":
@@ -56,7 +57,7 @@ def with_noise(spec: ObservationSpec, noise: DepthNoise | None) -> ObservationSp
 
 
 def digest_of_start(start: Path) -> tuple[str, str]:
-    """Return a policy's folder and its configuration's SHA-256, for records of runs that start from it."""
+    """Return the folder of a policy and the SHA-256 of its configuration, for records of runs that start from it."""
     return str(start.resolve()), hashlib.sha256(read_input(start / CONFIG_JSON, MAX_RECORD)).hexdigest()
 
 

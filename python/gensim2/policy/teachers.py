@@ -61,13 +61,15 @@ OVERHEAD = 1.15
 def seconds_a_step(
     source: Source, policy: PolicyConfig, training: TrainConfig, devices: Sequence[torch.device] = (CPU,)
 ) -> float:
-    """Measure the time of a gradient step (s): median with a temporary network, times ``OVERHEAD``.
+    """Measure the time of a gradient step (s).
+
+    It is the median over steps with a temporary network, times ``OVERHEAD``.
 
     The first steps are not counted, because they take up to four times as long as later steps.
 
     Args:
         source, policy, training: settings of the training.
-        devices: devices that divide a batch; the result is CPU time over all, or wall time on GPUs.
+        devices: devices that divide a batch. The result is the CPU time over all devices, or the wall time on GPUs.
     """
     torch.set_num_threads(training.threads or 1)
     ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
@@ -184,9 +186,9 @@ def teach_by_episodes(
     config, training, spec, device = how
     collected = None
     while collected is None or (record.episodes[key] < most and record.data_cpu_s[key] < limit):
-        # The record counts CPU time and episodes of earlier iterations and interrupted runs.
+        # The record counts the CPU time and the episodes of earlier iterations and of interrupted runs.
         spent, count = record.data_cpu_s.get(key, 0.0), record.episodes.get(key, 0)
-        # A copied or interrupted data set may be there, whose number of episodes must not fall.
+        # There may be a copied or interrupted data set. Its number of episodes must not fall.
         record.episodes[key] = max(_begun_with(data), min(count + PORTION, most) if spent < limit else count)
         tried = record.episodes[key] * len(named)
         progress.start(f"{', '.join(one.spec.name for one in group)}: demonstrations", tried)

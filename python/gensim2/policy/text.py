@@ -1,7 +1,8 @@
 """Encode an instruction as one token, an input vector of the policy's transformer (:mod:`gensim2.policy.trunk`).
 
-:func:`prepare` converts instructions to rows of a table without gradients; a module trained with the policy converts a
-row to a token. A checkpoint has its instructions' rows, so pretrained weights are needed only for new ones.
+:func:`prepare` converts instructions to the rows of a table without gradients. A module that is trained with the policy
+converts a row to a token. A checkpoint stores the rows of its instructions, so pretrained weights are needed only for
+new instructions.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def table_shape(config: PolicyConfig, sentences: int, found: Shape | None) -> Sh
 
     Args:
         sentences: S, number of instructions.
-        found: shape of a checkpoint's table, for pretrained encoders, whose length is not in the config.
+        found: shape of the table of a checkpoint, for pretrained encoders. Their length is not in the config.
     """
     if config.text == "small":
         return Shape("I64", (sentences, WORDS, PIECES))
@@ -103,9 +104,9 @@ def pieces(sentence: str) -> torch.Tensor:
 class SmallText(nn.Module):  # type: ignore[misc]
     """Text encoder with learned embeddings of words and trigrams, trained with the policy.
 
-    The embeddings of a word and its trigrams are averaged; an MLP gets the mean and maximum over words. A new word's
-    embedding is meaningless, but it may share trigrams with known ones. With tokens of size 192 there are about 200,000
-    parameters.
+    The embeddings of a word and of its trigrams are averaged. An MLP gets the mean and the maximum over the words. The
+    embedding of a new word is meaningless, but the word may share trigrams with known words. With tokens of size 192
+    there are about 200,000 parameters.
 
     Args:
         width: size of the token.

@@ -129,12 +129,12 @@ def train_policy(
 ) -> TrainResult:
     """Train a policy and write its checkpoint with the averaged weights of the last step.
 
-    With the same CPU model, threads and devices, a resumed run gives the bytes of an uninterrupted one.
+    With the same CPU model, threads and devices, a resumed run gives the same bytes as an uninterrupted run.
 
     Args:
         config: settings of the network; with ``start``, the settings of the starting policy.
-        out: checkpoint folder; ``training/`` has the state of the training and the loss curves.
-        start: checkpoint with the initial weights and normalization; the optimizer's state is new.
+        out: folder of the checkpoint. Its subfolder ``training/`` has the state of the training and the loss curves.
+        start: checkpoint with the initial weights and normalization. The state of the optimizer is new.
         resume: whether to continue an interrupted training run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`; each batch is divided among several devices.
 
@@ -143,7 +143,7 @@ def train_policy(
         KeyboardInterrupt: a signal has arrived; the state is written first.
     """
     with FolderLock(out):
-        # Other subfolders may be in use, for example by gensim2 learn.
+        # Other subfolders may be in use, for example by ``gensim2 learn``.
         remove_temporaries(out, subfolders=False)
         remove_temporaries(out / TRAINING)
         return _train(source, config, training, out, start, resume, device, progress)
@@ -188,7 +188,7 @@ def _train(
     network = fresh_network(config, arm, table.shape[1:], training.seed)
     if start is None:
         drawn, moved = rng(training.seed, "policy/fit"), None
-        # The scale of actions comes from this batch, so it needs the noise that enlarges them.
+        # This batch determines the scale of the actions, so it needs the noise that enlarges them.
         if training.arm_noise > 0:
             moved = torch.Generator(table.device).manual_seed(training.seed)
         network.fit(training_batch(source, config, table, drawn, FITTED, training, moved))
@@ -265,7 +265,7 @@ def take_steps(
         training: settings.
         folder: folder for the state and the loss curves.
         identity: all settings and data that determine the result of the run.
-        more_cpu_s: function that returns other processes' CPU time (s) since the start.
+        more_cpu_s: function that returns the CPU time (s) of other processes since the start.
 
     Raises:
         InputError: the loss is not finite, or computing the gradients failed; the state is written first.
@@ -303,7 +303,7 @@ def take_steps(
                 curves.add(
                     step=state.step, loss=state.loss, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s
                 )
-            # Check once per step; a signal during a save ends the run after the next step.
+            # Check once in each step. A signal during a save ends the run after the next step.
             stopping = stop()
             if stopping or state.step % training.save_every == 0 or state.step == training.steps:
                 state.save(folder, identity)
@@ -348,7 +348,10 @@ def optimizer_of(network: torch.nn.Module, training: TrainConfig) -> torch.optim
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
 def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
-    """Update the weights' moving averages, with a smaller decay at first to forget the initial weights."""
+    """Update the moving averages of the weights.
+
+    The decay is smaller at first, so that the initial weights are forgotten.
+    """
     share = 1.0 - min(decay, (1 + step) / (10 + step))
     pairs = list(zip(average.parameters(), network.parameters(), strict=True))
     torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)

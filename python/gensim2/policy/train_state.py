@@ -39,7 +39,7 @@ class _Record(RunSettings):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     def differences(self, now: Self) -> Iterator[tuple[str, str]]:
-        """Yield the settings that differ from ``now``, without those that earlier versions did not record."""
+        """Yield the settings that differ from ``now``. Settings that earlier versions did not record are left out."""
         if self.identity == now.identity:
             return
         theirs = json.loads(json.dumps(now.settings))
@@ -54,7 +54,8 @@ class Identity:
     """Settings and data that determine the result of a training run.
 
     Attributes:
-        parts: plain data by name; of ``"policy"`` and ``"training"`` all settings are stored, of others the SHA-256.
+        parts: plain data by name. All settings of ``"policy"`` and ``"training"`` are stored, and the SHA-256 of other
+            parts.
     """
 
     parts: Mapping[str, Any]

@@ -1,7 +1,7 @@
 """Define the policy's transformer, which normalizes inside each residual branch (pre-LN).
 
-Its input tokens are a learned readout token, the instruction, and the cloud and robot state of each observed step; the
-readout token's output represents the whole observation.
+The input tokens are a learned readout token, the instruction, and the point cloud and robot state of each observed
+step. The output of the readout token represents the whole observation.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Trunk(nn.Module):  # type: ignore[misc]
         self.norm = nn.LayerNorm(width)
 
     def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-        """Prepend the readout token to (B, S - 1, D) tokens; return the transformer's output tokens (B, S, D)."""
+        """Prepend the readout token to tokens (B, S - 1, D). Return the output tokens of the transformer (B, S, D)."""
         tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
         for block in self.blocks:
             tokens = block(tokens)

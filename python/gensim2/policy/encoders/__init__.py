@@ -1,4 +1,4 @@
-"""Point encoders turn a cloud into pooled tokens and, if requested, a feature vector for each point."""
+"""Point encoders turn a point cloud into pooled tokens. On request they also return a feature vector for each point."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PointEncoder(Protocol):
         ...
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return pooled tokens (B, K, F) and point features (B, N, G), both differentiable."""
+        """Return pooled tokens (B, K, F) and point features (B, N, G). Both are differentiable."""
         ...
 
 

@@ -10,8 +10,10 @@ ROWS = 1024
 
 
 class StateEncoder(nn.Module):  # type: ignore[misc]
-    """MLP that encodes a cloud with a fixed order of points, such as keypoints, as one token, from all points together.
-    A point's feature, which some heads need, is its linear embedding with the token.
+    """MLP that encodes a cloud with a fixed order of points, such as keypoints.
+
+    It computes one token from all points together. Some heads need a feature for each point: it is the linear embedding
+    of the point, joined with the token.
 
     Args:
         channels: C, number of channels of a point.
@@ -46,8 +48,9 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
-    The maximum passes gradients only to each channel's largest point, about 90 of 512. So these points are found
-    without gradients first, and only they are evaluated with gradients: the same result in less than half of the time.
+    The maximum passes gradients only to the largest point of each channel, which are about 90 of 512 points. Therefore
+    these points are found without gradients first, and only they are evaluated with gradients. The result is the same
+    in less than half of the time.
 
     Args:
         channels: C, number of channels of a point.
@@ -92,5 +95,5 @@ class MlpEncoder(nn.Module):  # type: ignore[misc]
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the pooled token (B, 1, 192) and the features (B, N, 192)."""
         features = self.layers(points)
-        # ``max`` passes the gradient to one point; ``amax`` would divide it among equal ones.
+        # ``max`` passes the gradient to one point. ``amax`` would divide it among equal points.
         return features.max(1, keepdim=True).values, features

@@ -22,7 +22,7 @@ class Shared(nn.Module):  # type: ignore[misc]
 
 
 class Transform(nn.Module):  # type: ignore[misc]
-    """T-Net, which predicts a 3 x 3 matrix for each cloud: the identity before training."""
+    """T-Net, which predicts a 3 x 3 matrix for each cloud. The matrix is the identity before training."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -16,8 +16,10 @@ STRIDES = (2, 2, 2, 2)
 
 
 class SetAbstraction(nn.Module):  # type: ignore[misc]
-    """Layer that reduces a cloud (set abstraction): sampled centres, an MLP on their neighbours, the maximum over
-    these, and a residual connection for the centre's features.
+    """Layer that reduces a cloud (set abstraction).
+
+    It samples centres, applies an MLP to their neighbours and takes the maximum over the neighbours. A residual
+    connection passes the features of the centres.
 
     Args:
         inner, outer: number of features of an input point, and number of features of a centre in the output.
@@ -50,7 +52,9 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 
 
 class InvertedResidual(nn.Module):  # type: ignore[misc]
-    """InvResMLP block: a maximum over neighbours, an MLP four times as wide inside, and a residual connection.
+    """InvResMLP block.
+
+    It takes a maximum over neighbours, has an MLP four times as wide inside, and a residual connection.
 
     Args:
         width: number of features.
@@ -71,11 +75,14 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 
 
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
-    """PointNeXt encoder: 32 linear features per point, four stages with fewer points and twice the features, a maximum.
+    """PointNeXt encoder.
+
+    It has 32 linear features for each point and four stages. Each stage has fewer points and twice as many features. A
+    maximum over the points follows.
 
     Args:
         channels: C, number of channels of a point.
-        blocks: inverted residual blocks of each stage: 0 for PointNeXt-S, more for B, L and XL.
+        blocks: number of inverted residual blocks of each stage: 0 for PointNeXt-S, and more for B, L and XL.
     """
 
     tokens, width, feature_width = 1, 512, 32 + 512
@@ -97,7 +104,10 @@ class PointNextEncoder(nn.Module):  # type: ignore[misc]
         return self._run(points)[0]
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the token (B, 1, 512) and features (B, N, 544): the first layer's, then interpolated last ones."""
+        """Return the token (B, 1, 512) and features (B, N, 544).
+
+        A point's features are those of the first layer, followed by interpolated features of the last layer.
+        """
         pooled, stem, centers, deep = self._run(points)
         return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
 

@@ -24,12 +24,14 @@ class Arm(BaseModel):
 
     Attributes:
         name: name of the policy and of its folder.
-        objects: training objects: ``"generated"``, or ``"real"`` from the run's asset folder.
-        count: generated objects of each class, with ``"real"`` ones in addition; None: the training split.
+        objects: training objects. ``"generated"``: generated objects; ``"real"``: objects from the asset folder of the
+            run.
+        count: number of generated objects of each class, which are used in addition to ``"real"`` objects. None: the
+            training split.
         tasks: names of library tasks; one policy learns all of them.
-        minutes_a_task: CPU time (min) of each task's data and training; None: the experiment's value.
+        minutes_a_task: CPU time (min) for the data and training of each task. None: the value of the experiment.
         start: earlier policy of the experiment with the same training objects, whose weights and demonstrations are
-            used; data are generated for new tasks only. None: from scratch.
+            used. Data are generated only for new tasks. None: training from scratch.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -49,7 +51,10 @@ class Arm(BaseModel):
 
     @property
     def is_split(self) -> bool:
-        """Return whether training uses only the training split; the other objects are unseen in evaluation."""
+        """Return whether training uses only the training split.
+
+        Evaluations on the other objects then use unseen objects.
+        """
         return self.objects == "real" or self.count is None
 
     def added_to(self, start: Arm | None) -> tuple[str, ...]:
@@ -65,12 +70,12 @@ class ExperimentConfig(BaseModel):
         seeds: number of training runs of each policy, each with a different seed.
         minutes_a_task: CPU time in minutes for the data and the training of each task of a policy.
         scenes: maximum number of scenes that are planned as training data of each task.
-        episodes, control_episodes: evaluation episodes of each task with the cloud, and without it.
+        episodes, control_episodes: number of evaluation episodes of each task with the point cloud, and without it.
         unseen: name of the set of objects that no policy is trained on.
         tenth: number (0 to 9) of the tenth of each class's objects that the first training run leaves out, so that the
             policy can be evaluated on it. The second training run leaves out the following tenth, and so on.
         transfer: whether policies that were trained on generated objects are also evaluated on real objects.
-        text, text_model: text encoder and its weights; None: the defaults of :func:`~gensim2.policy.learning.learn`.
+        text, text_model: text encoder and its weights. None: the defaults of :func:`~gensim2.policy.learning.learn`.
         sentences: whether policies are also evaluated with the opposite instruction and with paraphrases.
         untaught: tasks for evaluation only: every policy is evaluated on these tasks, but no policy is trained on them.
         arms: policies to train, in the order in which the report lists them.

@@ -22,7 +22,8 @@ class Rate:
     """Success rate, as the number of successful episodes among all episodes.
 
     Attributes:
-        held: number of episodes with the verdict ``held``: the goal is true at the end, at rest.
+        held: number of episodes with the verdict ``held``, which requires that the goal is true at the end, with the
+            scene at rest.
     """
 
     held: int
@@ -80,7 +81,10 @@ class TaskFigures:
         return self.rates.get(kind, Rate(0, 0))
 
     def as_seen(self) -> TaskFigures:
-        """Return the rates of a task without unseen objects, whose episodes all count as seen."""
+        """Return the rates of a task that has no unseen objects.
+
+        All its episodes count as episodes with seen objects.
+        """
         rates = {kind: rate for kind, rate in self.rates.items() if kind not in ("seen", "unseen")}
         return replace(self, rates={**rates, "seen": Rate.total([self.rate("seen"), self.rate("unseen")])})
 
@@ -95,8 +99,8 @@ class TaskFigures:
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
     """Return success rates averaged over tasks, and the difference between the rates on seen and unseen objects.
 
-    Tasks have equal weight. ``said_mean`` is the rate, with the correct instruction, on the tasks that are also
-    evaluated with the opposite one, such as "close" instead of "open".
+    Tasks have equal weight. ``said_mean`` is the rate with the correct instruction. It covers the tasks that are also
+    evaluated with the opposite instruction, such as "close" instead of "open".
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}
     told: dict[str, Any] = {}
@@ -113,7 +117,10 @@ def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
 
 
 def _less(name: str, tasks: Sequence[TaskFigures], one: Kind, other: Kind) -> dict[str, Any]:
-    """Return the rate of ``one`` minus that of ``other``, and its interval, over tasks with both."""
+    """Return the rate of ``one`` minus the rate of ``other``, and the interval of the difference.
+
+    Only tasks with both rates count.
+    """
     both = [each for each in tasks if each.rate(one).episodes and each.rate(other).episodes]
     first, second = (Rate.total([each.rate(kind) for each in both]) for kind in (one, other))
     found = difference(first, second) if both else None

@@ -74,9 +74,12 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 
 
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the coordinates of the report's figure: each policy's success rates and intervals by evaluation.
+    """Return the coordinates of the report's figure.
 
-    The horizontal axis is the number of training objects, logarithmic, or else policies, evenly spaced.
+    It shows the success rates of each policy with their intervals, by evaluation.
+
+    The horizontal axis is the number of training objects on a logarithmic scale, or else the policies at equal
+    distances.
     """
     counts = [arm["count"] for arm in arms]
     counted = all(count is not None for count in counts) and len(set(counts)) > 1

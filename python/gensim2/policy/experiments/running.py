@@ -48,7 +48,7 @@ def opposites(tasks: Sequence[TaskSpec]) -> dict[str, str]:
 
 
 def _end(task: TaskSpec) -> tuple[str | None, bool]:
-    """Return class and whether the goal is to open (True) or close; (None, False) for any other task."""
+    """Return the class and whether the goal is to open (True) or close. Return (None, False) for any other task."""
     things, goal = list(task.objects.values()), task.success
     if len(things) == 1 and len(goal) == 1 and isinstance(goal[0], ArticulatedOpen | ArticulatedClosed):
         return things[0].asset_class, isinstance(goal[0], ArticulatedOpen)
@@ -74,7 +74,7 @@ def rephrased(tasks: Sequence[TaskSpec]) -> list[dict[str, str]]:
 
 
 class ExperimentRecord(RunSettings):
-    """Content of ``experiment.json``: the settings, which a resumed run must share.
+    """Content of ``experiment.json``: the settings. A resumed run must have the same settings.
 
     Attributes:
         seed: seed of the first training run of each policy.
@@ -183,9 +183,10 @@ def run_experiment(
 
     Args:
         config: the experiment.
-        out: output folder; ``<policy>/seed-<n>`` has the files of :func:`~gensim2.policy.learning.learn`.
+        out: output folder. ``<policy>/seed-<n>`` has the files of :func:`~gensim2.policy.learning.learn`.
         seed: seed of the first training run of each policy; each further run uses the next integer.
-        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without it, policies for real objects are skipped.
+        assets: folder of real objects. None: the folder in ``GENSIM2_ASSETS``. Without a folder, policies for real
+            objects are skipped.
         workers: number of processes that plan and simulate.
         resume: continue the run in ``out``.
         device: device for training, as for :func:`~gensim2.policy.devices.read_devices`.
@@ -212,7 +213,8 @@ def run_experiment(
             if (out / RESULT_JSON).exists()
             else total
         )
-        # Seeds outside, policies inside: a long experiment soon has a first result of each policy.
+        # The outer loop is over seeds and the inner loop over policies. A long experiment thus soon has a first result
+        # of each policy.
         for done in range(total):
             number, arm = done // len(arms), arms[done % len(arms)]
             progress.message(f"training {done + 1} of {total}: {arm.name}, seed {seed + number}")
@@ -269,7 +271,7 @@ def runnable(record: ExperimentRecord) -> tuple[list[Arm], dict[str, str]]:
     for arm in found:
         _, lacking = _transferred(arm, record)
         skipped |= {f"{arm.name}/{name} on real objects": reason for name, reason in lacking.items()}
-        # Check the evaluation's objects before training; other runs use the same classes.
+        # Check the objects of the evaluation before training. Other runs use the same classes.
         for one in _measurements(arm, record, 0):
             _, lacking = read_task_inputs(tuple(one.tasks), seed=0, assets=one.assets, instances=one.instances)
             for name, reason in lacking.items():
@@ -438,7 +440,7 @@ def _measurements(arm: Arm, record: ExperimentRecord, number: int) -> Iterator[_
     if there:
         yield _Measurement("real", "real", "real objects", there, config.episodes, record.assets, "all")
     embedded = {"unknown_sentences": "embed"}
-    # The controller loads only default text weights unless it is given their name.
+    # The controller loads only default text weights unless the name of other weights is given.
     if config.text_model is not None:
         embedded["text_model"] = config.text_model
     if config.untaught:

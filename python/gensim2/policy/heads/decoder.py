@@ -53,7 +53,7 @@ class ActionDecoder(nn.Module):  # type: ignore[misc]
 
 
 def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
-    """Encode noise levels (B,), 0 to 1, by sines and cosines (B, width) with periods from 2 pi / 1000 to 20 pi."""
+    """Encode noise levels (B,), 0 to 1, as sines and cosines (B, width). Their periods are 2 pi / 1000 to 20 pi."""
     half = width // 2
     rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
     angles = level[:, None] * rates

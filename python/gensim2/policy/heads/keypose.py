@@ -46,7 +46,9 @@ BANDS = (2.0, 8.0)
 NEAR, FAR = 128, 64
 """Number of points that the second stage sees: nearest points to the place, and points sampled from the whole cloud."""
 NOISE = (0.01, 0.03)
-"""Noise (m) on the second stage's origin in training: error after one refinement, error of the first stage."""
+"""Noise (m) on the origin of the second stage in training: the error after one refinement, and the error of the first
+stage.
+"""
 ROUNDS = 2
 """Number of times that the second stage runs; each run is centred on the place predicted by the previous run."""
 METRE, CENTIMETRES = 0.05, 0.1
@@ -113,8 +115,8 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     def grown(self, theirs: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         """Return the weights of this head, with the weights of a trained head with fewer classes copied into them.
 
-        So classes are added to the trained head with the weights ``theirs``. Its classes keep their indices, except for
-        the last, "done", which stays last; the added classes keep this head's weights.
+        Classes are added to a trained head with its weights ``theirs``. The trained classes keep their indices, except
+        for "done", which stays the last class. The added classes keep the weights of this head.
         """
         mine = {name: value.clone() for name, value in self.state_dict().items()}
         for name, value in theirs.items():
@@ -188,7 +190,8 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
     def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Run the first stage of the network for one strategy class of each sample.
 
-        ``way`` (B,) has classes. Return heatmap logits (B, N) over the points, and the hand's places (B, 3), m.
+        ``way`` (B,) has the classes. Return heatmap logits (B, N) over the points, and the positions of the hand (B,
+        3), metres.
         """
         assert context.features is not None
         told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)

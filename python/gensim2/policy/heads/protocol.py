@@ -17,9 +17,9 @@ class Context:
     """Inputs of a head.
 
     Attributes:
-        tokens: (B, S, D) tokens of the trunk; the first, the readout token, summarizes the inputs.
+        tokens: (B, S, D) tokens of the trunk. The first one, the readout token, summarizes the inputs.
         cloud: (B, N, 3) present point cloud in the policy's frame, m.
-        points: (B, P, 3) points with features by the trunk; all of the cloud if ``features`` is None.
+        points: (B, P, 3) points for which the trunk has features. If ``features`` is None, they are the whole cloud.
         features: (B, P, G) features of ``points``; None if the head needs no features.
         sentence: (B, D) encoding of the instruction; None if the policy ignores it.
         pointed: predicted hand poses at the next keyframes (:mod:`gensim2.policy.pointer`), or None.
@@ -38,14 +38,17 @@ class Head(Protocol):
 
     Attributes:
         wants_features: whether the head needs features of the points.
-        noise: shape of :meth:`act`'s standard normal noise for one sample; empty without noise.
+        noise: shape of the standard normal noise of :meth:`act` for one sample. Empty if the head needs no noise.
     """
 
     wants_features: bool
     noise: tuple[int, ...]
 
     def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
-        """Compute the targets' normalization from a large batch, once before training; store it in buffers."""
+        """Compute the normalization of the targets from a large batch and store it in buffers.
+
+        Call this once before training.
+        """
         ...
 
     def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:

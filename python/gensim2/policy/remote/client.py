@@ -48,11 +48,12 @@ Answer = TypeVar("Answer", Ready, Action)
 class RemoteController:
     """Controller that requests each action from a policy server.
 
-    A late answer raises an error and is ignored later; an invalid answer's error names server and field.
+    A late answer raises an error and is ignored when it arrives. The error of an invalid answer names the server and
+    the field.
 
     Args:
-        url: server address, ``ws://host:port`` or ``wss://``; the token is ``GENSIM2_POLICY_TOKEN``.
-        robot: name of the executing robot; None accepts the robot that the server names.
+        url: address of the server, ``ws://host:port`` or ``wss://host:port``. The token is in ``GENSIM2_POLICY_TOKEN``.
+        robot: name of the executing robot. None accepts the robot that the server names.
         deadline: time limit for an action, s.
 
     Attributes:

@@ -1,8 +1,8 @@
 """Define the messages between a client and the policy server. A message is a msgpack map of plain values and arrays.
 
-The client sends ``hello`` with token and protocol version; the server answers ``welcome`` or ``refused``. Then each
-numbered request gets an answer with its number: ``reset`` the answer ``ready``, ``act`` the answer ``action``, or
-``error``. :func:`decode` limits bytes and values, and :func:`read_message` checks kind and schema of a message.
+The client sends ``hello`` with its token and protocol version, and the server answers ``welcome`` or ``refused``. Then
+each numbered request gets an answer with the same number: ``ready`` to ``reset``, ``action`` to ``act``, or ``error``.
+:func:`decode` limits bytes and values, and :func:`read_message` checks the kind and schema of a message.
 """
 
 from __future__ import annotations

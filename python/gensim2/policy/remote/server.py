@@ -1,7 +1,7 @@
 """Serve a controller over a websocket (``gensim2 policy serve``).
 
-A client is a stranger until its first message has shown the token. The number of strangers is limited; each has its own
-thread, a few seconds and a few kB. Only one authenticated client at a time uses the controller.
+A client is a stranger until its first message has shown the token. The number of strangers is limited. Each stranger
+has its own thread, a few seconds and a few kB. Only one authenticated client at a time uses the controller.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class PolicyServer:
         self._spec, self._token, self._said = controller, token, said
         self._profile = robot(robot_name)
         self._controller: Controller = controller.make()
-        # Read the spec before the episode, in which a controller may ask only for the robot's state.
+        # Read the spec before the episode. During an episode, a controller may ask only for the robot's state.
         self._observation = spec_of(self._controller).to_dict()
         self._is_warm = False
         self._busy = threading.Lock()
@@ -130,7 +130,7 @@ class PolicyServer:
     def serve(self) -> None:
         """Serve until :meth:`close` is called."""
         before = sys.getswitchinterval()
-        # Switch threads often, so that threads of untrusted clients hardly delay the controller's.
+        # Switch threads often, so that threads of untrusted clients hardly delay the controller's thread.
         sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             self._server.serve_forever()
@@ -246,7 +246,8 @@ class PolicyServer:
                 if isinstance(request, Reset):
                     self._controller.reset(observation, request.seed)
                     if not self._is_warm:
-                        # A network's first action takes longest; compute it in the reset, without a deadline.
+                        # The first action of a network takes longest. Compute it during the reset, which has no
+                        # deadline.
                         self._controller.act(observation)
                         self._is_warm = True
                         self._controller.reset(observation, request.seed)

@@ -16,13 +16,13 @@ CHUNK = 1 << 16
 def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     """Return a connection class that closes the connection on a fragmented message or too many control frames.
 
-    Messages have a single frame. The websockets library limits a message's size but not its fragments, which could fill
-    the memory, and answers every ping, although a peer may never read.
+    Messages have a single frame. The websockets library limits the size of a message but not the number of its
+    fragments, which could fill the memory. It also answers every ping, even if the peer never reads the answers.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
         chunk: number of bytes that are read and parsed at a time.
-        most: maximum number of control frames from the peer; ``max_control_frames`` of a connection changes it.
+        most: maximum number of control frames from the peer. ``max_control_frames`` of a connection changes it.
     """
     from websockets.frames import DATA_OPCODES, Frame
 
@@ -54,7 +54,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        # The library may read from a connection that it has just closed; this is harmless.
+        # The library may read from a connection that it has just closed. This is harmless.
         if isinstance(error, EOFError):
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))
