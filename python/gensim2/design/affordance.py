@@ -33,11 +33,12 @@ MOVES = 0.005
 
 @dataclass(frozen=True)
 class KeypointFacts:
-    """Geometry at a keypoint: means over instances of a class in their poses before randomization.
+    """Geometry at a keypoint. All values are means over the instances of a class in their poses before randomization.
 
     Attributes:
         position: (3,) position in the world, m.
-        opening: (3,) unit direction in the world of the keypoint as the joint opens; None if it stays.
+        opening: (3,) unit direction in the world in which the keypoint moves as the joint opens. None if it does not
+            move.
         part: (3,) size of the convex part that is nearest to the keypoint, along the axes of the world, m.
     """
 
@@ -55,14 +56,15 @@ class Affordance:
         kind: ``"articulated"`` or ``"rigid"``.
         noun: everyday name of an object of the class.
         description: phrase that describes the class.
-        size: (3,) depth (away from the robot), width and height at rest, joint at zero, m.
+        size: (3,) depth (away from the robot), width and height of the object at rest, with the joint at zero, m.
         mass: mass, kg.
-        keypoints: descriptions by name of those that all instances have; the last is the measured one.
-        lever_arms: distance (m) of moving keypoints from the axis; zero if prismatic, empty if rigid.
-        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If instances differ, the more frequent
-            type, over whose instances all joint values are means.
+        keypoints: descriptions by name of the keypoints that all instances have. The last keypoint is the measured one.
+        lever_arms: distances (m) of moving keypoints from the axis. They are zero for a prismatic joint; a rigid object
+            has none.
+        joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If the types of the instances differ, it
+            is the more frequent type, and all joint values are means over the instances of this type.
         joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.
-        joint_axis: ``"vertical"`` or ``"level"``: direction of a hinge's axis or of a prismatic motion.
+        joint_axis: ``"vertical"`` or ``"level"``, the direction of the axis of a hinge or of a prismatic motion.
         default_openness: mean openness at the start of an episode.
         grip_width: distance in metres between the fingertips when they hold a rigid object across its narrowest side.
         measured_at: (3,) measured keypoint of a rigid object relative to its middle, in the resting pose, m.
@@ -120,7 +122,7 @@ class Affordance:
 
     @cached_property
     def interior(self) -> Triple | None:
-        """Extents (3,) of the free space inside a container (depth, width, height), m; None for other classes."""
+        """Extents (3,) of the free space inside a container: depth, width and height, m. None for other classes."""
         return _interior(self.samples, self.measured) if self.samples and self.is_container else None
 
     @property
@@ -159,7 +161,8 @@ class Affordance:
             at = _triple(np.mean([_measured_at(each) for each in objects], axis=0))
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, measured_at=at, **common)
         articulated = [each for each in objects if isinstance(each, ArticulatedObject)]
-        # Average instances of the more frequent joint type, because units differ (rad, m).
+        # Average over the instances of the more frequent joint type only, because the units of the types differ (rad
+        # and m).
         ((kind, _),) = Counter(each.joint.type for each in articulated).most_common(1)
         instances = [each for each in articulated if each.joint.type == kind]
         joint = instances[0].joint
@@ -227,7 +230,10 @@ def _facts(
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the mean free space of the instances around a keypoint; None if an instance has none."""
+    """Return the mean extents of the free space around a keypoint in the instances.
+
+    None if an instance has no free space.
+    """
     from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []

@@ -26,8 +26,9 @@ class RobotSummary:
 
     Attributes:
         robot: name of the robot.
-        base: x and y of the robot's base in the world, m; the table's top is z = 0, x points away from the robot.
-        reach: maximum horizontal distance from the base, m, at which a hand pointing down touches the table.
+        base: x and y of the robot's base in the world, m. The top of the table is z = 0, and x points away from the
+            robot.
+        reach: maximum horizontal distance from the base, m, at which a hand that points down touches the table.
         stroke: maximum distance between the finger pads, m.
         tool_keypoints: description of each keypoint of the hand, by name.
     """
@@ -46,7 +47,8 @@ class Known:
     Attributes:
         task: definition of the task.
         strategies: strategies of the task's steps, by name.
-        held, episodes: successful and all episodes in the latest verification; zero without one.
+        held, episodes: number of successful episodes and of all episodes in the latest verification. Both are zero
+            without one.
     """
 
     task: TaskSpec
@@ -62,9 +64,11 @@ class Brief:
     Attributes:
         settings: summary of the robot.
         classes: affordance (summary) of each articulated or rigid object class, by class name.
-        known: existing tasks, which proposals must not repeat and long tasks may use; the run appends kept tasks.
-        familiar: tasks that count as solved: they may be repeated, but do not count as requested tasks.
-        refused: reasons by task name why criteria of proposed tasks were refused; the run adds to them.
+        known: existing tasks. Proposals must not repeat them, and long tasks may use them. The run appends the tasks
+            that it keeps.
+        familiar: tasks that count as solved. They may be proposed again, but do not count as requested tasks.
+        refused: reasons why the criteria of proposed tasks were refused, by name of the task. The run adds further
+            reasons.
     """
 
     settings: RobotSummary
@@ -84,7 +88,8 @@ class Candidate:
 
     Attributes:
         label: phrase that describes the candidate in the report.
-        steps: strategies by name for each step, preferred first, which may share them; kept tasks use the names.
+        steps: strategies by name for each step, preferred strategies first. Steps may share strategies. Kept tasks use
+            these names.
         provenance: origin of the strategies: search parameters, or prompt and answer.
         labels: phrase that describes a strategy, by its name. Strategies whose names describe them are not included.
     """
@@ -100,7 +105,10 @@ class Candidate:
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
     def described(self, strategy: str) -> str:
-        """Return a strategy's label, or its name without a label; empty if the label describes the candidate."""
+        """Return the label of a strategy, or its name if it has no label.
+
+        The result is empty if the label already describes the candidate.
+        """
         label = self.labels.get(strategy, strategy)
         return "" if label == self.label else label
 
@@ -115,12 +123,13 @@ class StageResult:
 
     Attributes:
         name: name of the stage.
-        trials: number of trials: planned scenes (stage ``"plan"``) or simulated episodes (``"physics"``).
+        trials: number of trials, which are planned scenes (stage ``"plan"``) or simulated episodes (stage
+            ``"physics"``).
         score: fraction of trials in which the plan is complete or the episode succeeds.
         causes: number of failures by cause.
         strict: fraction of episodes that also pass the strict verdict; 0 without episodes.
         diagnoses: descriptions of failures with measured values, the most frequent first.
-        by_object: successful and all episodes by instance id of the task's first object.
+        by_object: number of successful episodes and of all episodes, by instance id of the task's first object.
     """
 
     name: Literal["plan", "physics"]
@@ -166,7 +175,7 @@ class CandidateResult:
 
     @property
     def by_object(self) -> dict[str, tuple[int, int]]:
-        """Successful episodes and all episodes of all stages, by instance id of the task's first object."""
+        """Number of successful episodes and of all episodes in all stages, by id of the task's first object."""
         found: dict[str, tuple[int, int]] = {}
         for stage in self._physics:
             for instance, (held, count) in stage.by_object.items():
@@ -196,7 +205,7 @@ class Designer(Protocol):
     Attributes:
         name: name of the designer in run.json and in the provenance of its tasks.
         notes: remarks for the report. The run reads the remarks at its end.
-        patience: number of refinements after which a search may give up a task of which nearly all episodes still fail.
+        patience: number of refinements after which a search may give up a task if nearly all episodes still fail.
             Designers that learn from failures need more than one.
     """
 
@@ -216,7 +225,8 @@ class Designer(Protocol):
     def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
         """Yield new tasks, the most useful first; no task repeats a known task.
 
-        Each task states its origin in its provenance; its steps name placeholders for a candidate's strategies.
+        Each task states its origin in its provenance. Its steps have placeholders for the names of a candidate's
+        strategies.
         """
         ...
 

@@ -38,8 +38,9 @@ def check_criteria(
     files: TaskFolder | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> CheckerResult:
-    """Count how often a task's success criteria are wrongly true in mutated worlds: scenes changed on purpose so that
-    the task is not done (docs/reference/tasks.md).
+    """Count how often a task's success criteria are wrongly true in mutated worlds.
+
+    These are scenes that are changed on purpose so that the task is not done (docs/reference/tasks.md).
 
     Args:
         task: task to check; its strategies are not used.
@@ -67,7 +68,8 @@ def check_criteria(
 def remedy_for(task: TaskSpec, checker: CheckerResult, scene: SceneOptions) -> str:
     """Return how to change a task whose success criteria were refused.
 
-    If a criterion holds before a quarter of the joint's way, the remedy names a threshold or start against it.
+    If a criterion already holds before a quarter of the joint's range, the remedy is another threshold or another
+    start.
 
     Args:
         task: the refused task.

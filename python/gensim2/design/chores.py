@@ -1,7 +1,7 @@
 """Draft tasks of several steps that move joints.
 
-Three types: two joints for one purpose, such as tidying a desk; a joint and a rigid object for one purpose; and one
-joint to an end of its range and back.
+There are three types: two joints that serve one purpose, such as tidying a desk; a joint and a rigid object that serve
+one purpose; and one joint that moves to an end of its range and back.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def again(brief: Brief) -> Iterator[Draft]:
 
 
 def pairs(brief: Brief) -> Iterator[Draft]:
-    """Draft tasks that move two joints for one purpose, in turns among the purposes."""
+    """Draft tasks that move two joints for one purpose. The purposes take turns."""
     there = _narrow(brief)
     choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
     used: Counter[tuple[str, str]] = Counter()
@@ -106,7 +106,7 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """Join two descriptions, with a common verb only once, as in "open the drawer and the box"."""
+    """Join two descriptions. A common verb appears only once, as in "open the drawer and the box"."""
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")
@@ -118,7 +118,10 @@ def _both(first: Piece, second: Piece) -> str:
 
 
 def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
-    """Add object and step of the joint task ``piece`` to a draft, at ``at`` (x, y in m), rotated by ``yaw`` (rad)."""
+    """Add the object and the step of the joint task ``piece`` to a draft.
+
+    The pose is ``at`` (x, y in m) and ``yaw`` (rad).
+    """
     (step,) = piece.known.task.steps
     thing = piece.known.task.objects[step.object]
     role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]

@@ -38,7 +38,7 @@ CLOSED_AFTER = ("stow", "shut")
 #: Maximum width (m) of a container that leaves space on the table for a second container beside it.
 NARROW = 0.36
 
-#: Containers longer than this (m) get one object, because they have a shelf or a turntable inside.
+#: Containers longer than this (m) get only one object, because they have a shelf or a turntable inside.
 LARGE = 0.34
 
 
@@ -49,7 +49,7 @@ def tidied(brief: Brief, how: str) -> Iterator[Draft]:
         brief: classes and tasks that the drafts may use.
         how: key of ``_TIDYING``, which determines whether the task first opens the container and closes it at the end.
     """
-    # Each value of ``how`` starts with a different object, so that all drafts use more objects.
+    # Each value of ``how`` starts with a different object, so that the drafts together use more objects.
     turn = list(_TIDYING).index(how)
     queues = []
     for container in _containers(brief):

@@ -99,7 +99,7 @@ def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
 
 
 def _figures(task: TaskSpec, *, measured: bool) -> dict[str, Any]:
-    """Return a task's known success rates: paper, released code and, with ``measured``, our measurements."""
+    """Return the known success rates of a task: of the paper, of the released code and, with ``measured``, our own."""
     published, released = paper_of(task), released_of(task)
     return {
         "paper": None if published is None else {"mean": published[0], "deviation": published[1]},

@@ -24,8 +24,8 @@ class Chosen:
     Args:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
-        left_out: end of the note on rejected proposals, such as ``"are not wanted"``.
-        wish: name of the filter in the run folder, which must stay when the run is resumed; None: no name.
+        left_out: end of the note on proposals that were rejected, such as ``"are not wanted"``.
+        wish: name of the filter in the run folder. It must stay the same when the run is resumed. None: no name.
     """
 
     def __init__(
@@ -110,10 +110,11 @@ def model_designer(
         asking: mode, targets and number of trials.
         scene: scene options of the run, for the pictures shown to the model.
         prompts: folder of the user's own prompts.
-        replay: run folder with recorded answers; its settings replace ``model`` and ``asking``.
+        replay: run folder with recorded answers. Its settings replace ``model`` and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
         review: function that returns whether to accept a proposal; None accepts all proposals.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions` that replace values in ``config``, unless None.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions`. They replace values of ``config``, unless they
+            are None.
 
     Raises:
         InputError: an argument cannot be used.

@@ -10,7 +10,7 @@ from typing import Any
 #: Maximum number of failure sentences kept for each stage, the most frequent first.
 KEPT = 6
 
-#: Phrases for measured values of a diagnosis, by name; braces stand for the value.
+#: Phrases for the measured values of a diagnosis, by name of the value. Braces stand for the value.
 NUMBERS = {
     "distance": "by {:.0f} mm",
     "nearest": "the point between the fingertips came within {:.0f} mm of its surface",
@@ -55,8 +55,10 @@ def diagnoses(
     """Group failed trials by the kind of failure. Return up to ``KEPT`` kinds of failure, the most frequent first.
 
     Args:
-        failures: cause and values of failed trials: ``diagnosis``, or a plan's ``detail``, ``step``, ``strategy``.
-        described: function from a strategy's name to its description; empty ones are omitted. Default: the name.
+        failures: causes and measured values of failed trials: ``diagnosis``, or ``detail`` of a plan, ``step`` and
+            ``strategy``.
+        described: function from the name of a strategy to its description. Empty descriptions are omitted. Default: the
+            name.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
     example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
@@ -115,7 +117,7 @@ def _millimetres(length: float) -> str:
 
 
 def _length(residual: Mapping[str, Any], name: str = "residual") -> str:
-    """Format a constraint's remaining error: millimetres for points, radians for all others."""
+    """Format the remaining error of a constraint, in millimetres for points and in radians for other constraints."""
     value = float(residual[name])
     return f"{1000 * value:.0f} mm" if str(residual["name"]).startswith("point2point") else f"{value:.2f} rad"
 

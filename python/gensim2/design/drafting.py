@@ -1,6 +1,7 @@
 """Draft tasks of several steps, and check that earlier steps establish each step's preconditions.
 
-Picking up needs an empty hand, putting down the object and an open container; a joint must change.
+A step that picks up an object needs an empty hand. A step that puts an object down needs the object in the hand and an
+open container. A step that moves a joint must change its openness.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def pieces(brief: Brief) -> list[Piece]:
 
 
 def has_joint(brief: Brief, asset_class: str) -> bool:
-    """Return whether the library has this articulated class, which a known task may use."""
+    """Return whether the library has this articulated class, so that a known task may use it."""
     return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 
@@ -50,7 +51,10 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """Return the strategies of the known task that moves this class's joint to ``goal``; empty without one."""
+    """Return the strategies of the known task that moves the joint of this class to ``goal``.
+
+    Empty without such a task.
+    """
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -59,7 +63,10 @@ def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
 
 
 def _own_name(strategy: str, task: TaskSpec) -> str:
-    """Return a strategy's name for longer tasks; ``designed...`` becomes a name of the step and the class."""
+    """Return the name of a strategy for longer tasks.
+
+    A name ``designed...`` becomes a name of the step and the class.
+    """
     (thing,) = task.objects.values()
     number = strategy.removeprefix(DESIGNED)
     return f"{task.steps[0].name}_{thing.asset_class}{number}" if number != strategy else strategy
@@ -73,14 +80,14 @@ ALIKE = 3
 #: Number of control steps by which each step of a long task extends the task's time limit.
 STEPS_EACH = 300
 
-#: Start positions (x, y) of rigid objects, m: right of the destination as seen from the robot, and left.
+#: Start positions (x, y) of rigid objects, m: to the right of the destination as seen from the robot, and to the left.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
 
-#: Ranges (m) of random offsets of start positions; ``CLOSE_ABOUT`` is for several rigid objects.
+#: Ranges (m) of the random offsets from start positions. ``CLOSE_ABOUT`` is for several rigid objects.
 ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
 CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
-#: Poses ((x, y) in m, yaw in rad) of two articulated objects side by side.
+#: Poses ((x, y) in m, yaw in rad) of two articulated objects that stand side by side.
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
 
 
@@ -141,7 +148,10 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """Return a message for each precondition of a step that earlier steps do not meet, such as a closed container."""
+    """Return a message for each precondition of a step that earlier steps do not establish.
+
+    An example is an open container.
+    """
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []

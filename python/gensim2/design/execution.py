@@ -43,7 +43,7 @@ from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
-#: Minimum success rate of a kept task, with a single step and with several steps.
+#: Minimum success rate of a task that is kept, for tasks with a single step and for tasks with several steps.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
 #: Default number of verification episodes.
@@ -149,13 +149,13 @@ def verify(
     return verification
 
 
-#: Maximum number of searched proposals per requested task.
+#: Maximum number of proposals that are searched for each requested task.
 PROPOSALS_PER_TASK = 3
 
 #: A run ends if this many proposals in a row are of kinds that already have enough tasks.
 MAX_UNWANTED = 300
 
-#: Minimum CPU time (s) between rewrites of the report, which take longer with more tasks.
+#: Minimum CPU time (s) between two versions of the report. Writing it takes longer the more tasks there are.
 REPORT_EVERY = 60.0
 
 
@@ -201,11 +201,14 @@ SEARCHED = "search"
 
 
 class _Kept:
-    """Runner for a search's trials. It plans or simulates them and stores results, which a resumed search reads.
+    """Runner for the trials of a search.
+
+    It plans or simulates trials and stores their results. A resumed search reads the results.
 
     Args:
         runner: runner that plans scenes and simulates episodes.
-        folder: folder with a file of results for each method call, read again only for the same arguments.
+        folder: folder with a file of results for each method call. A file is used again only if the arguments are the
+            same.
     """
 
     def __init__(self, runner: EpisodeRunner, folder: Path) -> None:
@@ -243,7 +246,8 @@ class PipelineRun:
         seed: seed of all random choices.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as solved: they may be proposed and used in longer tasks, but do not count.
+        familiar: tasks that count as solved. They may be proposed and used in longer tasks, but do not count as
+            requested tasks.
         budget: maximum numbers of candidates and episodes in each search; None selects the default for the task.
         progress: progress listener.
     """
@@ -324,7 +328,10 @@ class PipelineRun:
         return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
-        """Search strategies and verify the task; return the reason for a rejection before verification, else None."""
+        """Search strategies for a task and verify the task.
+
+        Return the reason if it is rejected before verification, else None.
+        """
         from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
@@ -361,7 +368,11 @@ class PipelineRun:
         return first_alike(task, self._familiar) is not None
 
     def _to_verify(self, task: TaskSpec) -> int:
-        """Return the verification episodes: as requested, limited if solved, at least the demonstrations."""
+        """Return the number of verification episodes.
+
+        It is the requested number, is limited for tasks that count as solved, and is at least the number of
+        demonstrations.
+        """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
         return max(verify, self.extent.demos)
 
@@ -378,7 +389,7 @@ class PipelineRun:
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """Return the strategies found by the search, now or in an earlier call, or the reason why it found none."""
         for thing in task.objects.values():
-            # Loading the class adds warnings about its objects to ``self._classes.notes`` for the report.
+            # Loading the class adds warnings about its objects to ``self._classes.notes``, which the report shows.
             _ = self._classes[thing.asset_class]
         self.folder.save()
         record = read_design(folder.path)
@@ -528,7 +539,9 @@ class PipelineRun:
 
 
 def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture: Path) -> bool:
-    """In a worker, plan a task in one seed's scene and draw the first step without a complete motion, or the last.
+    """Plan a task in the scene of one seed and draw it.
+
+    The picture shows the first step without a complete motion, or the last step. Workers call this function.
 
     Returns:
         Whether a picture was drawn.
@@ -540,7 +553,10 @@ def draw_scene(config: EpisodeConfig, strategies: Strategies, seed: int, picture
 
 
 def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
-    """Return the task with a record of its origin: searched with ``"train"`` or ``"all"`` objects."""
+    """Return the task with a record of its origin.
+
+    The record states whether the search used ``"train"`` or ``"all"`` objects.
+    """
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})

@@ -97,7 +97,7 @@ class GalleryEntry:
         return self._place(STILL)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Write the log of the episodes that were run; a video shows the last of them."""
+        """Write the log of the episodes that were run. The video shows the last of them."""
         for index in list(self.log.done):
             self.log.forget(index)
         for index, episode in enumerate(episodes):

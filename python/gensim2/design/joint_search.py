@@ -2,7 +2,8 @@
 
 Each strategy follows from an alignment: a contact point on the object, an approach direction and a motion of the hand.
 
-They depend on joint type, moving keypoints, their distance from the axis, and the goal, not on the class.
+They depend on the joint type, the moving keypoints, the distance of these keypoints from the axis, and the goal. They
+do not depend on the class.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Openness at which commanded motions end, beyond the limits, because pushed parts lag behind.
+#: Openness at which commanded motions end. It lies beyond the joint limits, because pushed parts lag behind the hand.
 OPENED, CLOSED_UP = 1.05, -0.1
 
 _HALF = math.sqrt(0.5)
@@ -26,7 +27,10 @@ _NAMES = "xyz"
 
 
 def _directions() -> list[Direction]:
-    """Return approach directions: 18 along or between axes of the joint frame, 3 in the world frame for a table."""
+    """Return the approach directions.
+
+    18 of them are along or between the axes of the joint frame, and 3 are in the world frame, for objects on a table.
+    """
     found = []
     for index, axis in enumerate(_AXES):
         for sign in (1.0, -1.0):
@@ -47,8 +51,8 @@ def _directions() -> list[Direction]:
 DIRECTIONS = tuple(_directions())
 
 
-#: Alignments that often work for prismatic joints: approach direction, then ``gripper``, ``roll``, ``behind``,
-#: ``inset``, ``motion`` and ``tolerance`` of a :class:`Manipulation`.
+#: Alignments that often work for prismatic joints. Each has an approach direction, followed by ``gripper``, ``roll``,
+#: ``behind``, ``inset``, ``motion`` and ``tolerance`` of a :class:`Manipulation`.
 LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
     ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
     ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
@@ -87,7 +91,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
         thing: object class with the joint to move.
         goal: openness at which the motions end.
         count: maximum number of alignments.
-        seed, what: seed of the random selection, and a name that makes it independent of others.
+        seed, what: seed of the random selection, and a name that makes the selection independent of other selections.
     """
     found = list(alignments(thing, opening, goal))
     if len(found) <= count:
@@ -97,7 +101,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
 
 
 def vary(parent: Manipulation, halfway: bool, generator: Any) -> Manipulation:
-    """Return a copy of ``parent`` with random offsets, retreat, tolerance, motion and openness at the end.
+    """Return a copy of ``parent`` with random offsets, retreat, tolerance and motion, and with a random final openness.
 
     Args:
         halfway: whether the goal lies between the joint limits; the openness at the end is then kept.
@@ -140,7 +144,7 @@ def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipu
 
 
 def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """Return whether the fingers point against the part's motion, so that the hand would block the part."""
+    """Return whether the fingers point against the motion of the part. The hand would then block the part."""
     along = direction.vector[1] if direction.frame == "joint" else 0.0
     return (along if opening else -along) < -0.5
 

@@ -1,7 +1,8 @@
 """Describe a contact and a motion that move an object's joint, and convert the description to a solver config.
 
-The joint frame's origin is the contact keypoint (docs/architecture.md): y is its direction as the joint opens, z the
-joint axis, x points away from the hinge. So one description can fit a lid, a door and a drawer.
+The joint frame has its origin at the contact keypoint (docs/architecture.md). Its y axis is the direction in which the
+keypoint moves as the joint opens, z is the joint axis, and x points away from the hinge. Therefore one description can
+fit a lid, a door and a drawer.
 """
 
 from __future__ import annotations
@@ -36,13 +37,14 @@ class Manipulation:
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"``: fingertips push; ``"grasp"``: fingers grasp; ``"open"``: one finger pushes.
+        gripper: ``"closed"``: the closed fingertips push; ``"grasp"``: the fingers grasp; ``"open"``: one finger of the
+            open gripper pushes.
         approach: direction of the fingers.
-        roll: joint-frame axis perpendicular to the line of the fingertips; None: any roll angle.
+        roll: axis of the joint frame that is perpendicular to the line through the fingertips. None: any roll angle.
         behind: offset in metres from the keypoint to the contact, against the direction of the motion.
         inset: offset in metres from the keypoint to the contact, towards the hinge (along -x of the joint frame).
-        retreat: length (m) of the straight approach to the contact along the fingers.
-        motion: motion after the actuation pose; the hand follows the joint and may rotate with it.
+        retreat: length (m) of the straight approach to the contact, along the fingers.
+        motion: motion after the actuation pose. The hand follows the joint and may rotate with it.
         goal_openness: openness at which the motion ends; it may lie beyond the joint's range.
         tolerance: angular tolerance of the approach direction, rad.
         opening: whether the motion opens the joint.

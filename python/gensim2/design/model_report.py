@@ -50,7 +50,10 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """Return the model, its questions, outcomes, fruitless conversations and costs; None without a model."""
+        """Return the model, its questions, outcomes, costs, and the conversations without a result.
+
+        None if there is no model.
+        """
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

@@ -94,7 +94,7 @@ def next_steps(run_dir: Path) -> list[NextStep]:
 
 
 def _of_causes(causes: Counter[str]) -> Iterable[str]:
-    """Return advice for the cause of more than half of the failures; otherwise the general advice."""
+    """Return advice for the cause of more than half of the failures. Without such a cause, return general advice."""
     for cause, count in causes.most_common(1):
         if 2 * count > causes.total() and cause in _OF_CAUSE:
             return [f"most failures have the cause {str(cause)!r}: {_OF_CAUSE[Cause(cause)]}"]

@@ -1,8 +1,8 @@
 """Design tasks and strategies without a language model.
 
-The designer derives single-step tasks from joints and sizes, and combines them so that steps establish the
-preconditions of later ones. Strategies come from rules, then from a search over alignments, keypoints and motions;
-simulation decides.
+The designer derives single-step tasks from the joints and sizes of objects. It combines them to longer tasks, in which
+steps establish the preconditions of later steps. Strategies come from rules, and then from a search over alignments,
+keypoints and motions. Simulation decides which strategies are used.
 """
 
 from __future__ import annotations
@@ -49,7 +49,9 @@ FAMILIES: list[Family] = [
 
 
 def long_tasks(brief: Brief) -> Iterator[TaskSpec | None]:
-    """Yield new long tasks composed of known tasks, in turns among their kinds, each with a new name.
+    """Yield new long tasks that are composed of known tasks.
+
+    The kinds of long tasks take turns, and each task has a new name.
 
     Known tasks include the tasks kept since the last proposal. None means that no task can be composed yet.
     """
@@ -76,10 +78,12 @@ def wanted_ends(brief: Brief) -> set[tuple[str, str]]:
     return chores.wanted_ends() | {(name, end) for name in kept_in for end in ENDS}
 
 
-#: Alignments sampled for a joint: ``FIRST_DRAW`` first, ``SECOND_DRAW`` more if none succeeds often enough.
+#: Number of alignments that are sampled for a joint. ``FIRST_DRAW`` are sampled first, and ``SECOND_DRAW`` more if no
+#: alignment succeeds often enough.
 FIRST_DRAW, SECOND_DRAW = 8, 60
 
-#: Refinement: at most ``REFINE_ROUNDS`` rounds of ``REFINE_CHILDREN`` variants of ``REFINE_PARENTS`` best ones.
+#: A refinement has at most ``REFINE_ROUNDS`` rounds. Each has ``REFINE_CHILDREN`` variants of the ``REFINE_PARENTS``
+#: best alignments.
 REFINE_PARENTS = 3
 REFINE_CHILDREN = 4
 REFINE_ROUNDS = 3
@@ -142,7 +146,9 @@ class OfflineDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Return combinations and variations of the best candidates, and untried alignments near successful ones."""
+        """Return combinations and variations of the best candidates, and untried alignments that are near successful
+        ones.
+        """
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
@@ -219,7 +225,7 @@ def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
 
 
 def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
-    """Return one candidate with all strategies of ``group``; in each scene the first with a plan is used."""
+    """Return one candidate with all strategies of ``group``. In each scene, the first strategy with a plan is used."""
     ways: Strategies = {}
     labels = {}
     for number, result in enumerate(group, 1):

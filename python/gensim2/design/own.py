@@ -1,4 +1,4 @@
-"""Implement ``gensim2 design``: search and verify strategies for a user's task, as ``run_pipeline`` does."""
+"""Implement ``gensim2 design``, which searches and verifies strategies for a user's task as ``run_pipeline`` does."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ def design_task(
     Args:
         folder: folder with ``task.yaml``; strategies in it are ignored.
         out: run folder. None: ``design`` in ``folder``; kept strategies are then also written to ``folder``.
-        verify: number of new verification episodes; 80 % must succeed (60 % with several steps).
+        verify: number of new verification episodes. 80 % of them must succeed, or 60 % if the task has several steps.
         seed: seed of all random choices.
         resume: continue the run in the run folder.
         videos: number of episodes to film; failed episodes are filmed if the task is not kept.
-        engines: ``"both"`` also verifies in the other engine; enough episodes must succeed in both.
+        engines: ``"both"`` also verifies in the other engine. Enough episodes must succeed in both engines.
         budget: limits of the search; None: the default budget.
         progress: listener for stages and steps.
         scene: see :class:`~gensim2.rollout.config.RunArguments`.

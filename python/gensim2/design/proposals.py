@@ -26,13 +26,14 @@ ASKED_FOR = 0.5
 #: Maximum deviation of the initial openness from its mean, as in the paper's scenes.
 OPENNESS_SPREAD = 0.15
 
-#: Mean initial openness and maximum deviation of objects that start closed, and open.
+#: Mean and maximum deviation of the initial openness, of objects that start closed and of objects that start open.
 SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 
-#: Height (m) by which an object must rise; the default grasp lifts it twice as high.
+#: Height (m) by which an object must rise. The default grasp lifts an object twice as high.
 LIFT = 0.06
 
-#: ``RIGID``: tasks that differ only in the rigid object; ``RIGID_USEFUL``: their usefulness (0 to 1, for the order).
+#: ``RIGID`` is the number of tasks that differ only in the rigid object. ``RIGID_USEFUL`` is their usefulness (0 to 1),
+#: by which they are ordered.
 RIGID, RIGID_USEFUL = 3, 0.8
 
 #: Ways to hand an object over: name, sentence, and start position (x, y) in the world, m.
@@ -49,7 +50,7 @@ def goal_of(task: TaskSpec) -> str:
 
 
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
-    """Return a task with one object of the class of ``thing`` and one step that brings its joint to ``goal``."""
+    """Return a task with one object, of the class of ``thing``, and one step, which moves its joint to ``goal``."""
     phrase = phrase_of(thing, goal)
     assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)
@@ -67,7 +68,7 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the usual phrase for a joint goal, such as "open the drawer"; None without a usual phrase."""
+    """Return the usual phrase for a joint goal, such as "open the drawer". None if there is no usual phrase."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
@@ -83,8 +84,8 @@ def criterion_of(role: str, goal: Goal) -> Criterion:
 def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
     """Return the random ranges of the initial state, in which ``goal`` is never met at the start.
 
-    The joint starts in the class's default range of openness if the goal is unmet there, else at the end opposite to
-    the goal; for a half-way goal it starts closed or open.
+    The joint starts in the default range of openness of its class if the goal is not met there, and otherwise at the
+    opposite end. For a half-way goal, it starts closed or open.
     """
     if goal in ("half_open", "half_closed") or not _undone(thing, goal):
         mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
@@ -190,7 +191,7 @@ def propose(
 def redesigned(task: TaskSpec, name: str | None = None) -> TaskSpec:
     """Return the task without its solution, so that a designer can solve it again.
 
-    Each step keeps one strategy name, for a new strategy; the provenance keeps only ``origin``.
+    Each step keeps the name of one strategy, for a new strategy. The provenance keeps only ``origin``.
 
     Args:
         name: name for the strategy of every step; None: keep the name of each step's first strategy.

@@ -46,14 +46,15 @@ def add_task(
         folder: folder that holds task.yaml and strategies/.
         episodes: number of verification episodes, at least ``LEAST_EPISODES``.
         seed: seed of the scenes.
-        engines: ``"both"`` also verifies in the other engine and adds a task only if it passes in both.
+        engines: ``"both"`` also verifies in the other engine. A task is added only if it passes in both.
         memory: task library; default: the user's library.
         given: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Raises:
         InputError: the folder or an argument cannot be used, or no task library exists.
         KnownTaskError: the library already contains the task. This error is raised before any episode runs.
-        UnverifiedTaskError: criteria hold in undone scenes, or too few episodes succeeded, with numbers and causes.
+        UnverifiedTaskError: criteria hold in scenes in which the task is not done, or too few episodes succeeded. The
+            message has numbers and causes.
         NotRunError: some episodes could not be run.
     """
     check_counts(episodes=episodes)
@@ -68,8 +69,8 @@ def add_task(
         task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
     memory.check_new(task, read.strategies)
     seeds = scene_seeds(seed, task.name, "verify", episodes)
-    # The author's objects are unknown, so verify as for a designed task: new objects of generated classes, the test
-    # split of real ones, or the whole class if it is too small.
+    # The author's objects are unknown. Therefore the task is verified as a designed task is: with new objects of
+    # generated classes, with the test split of real classes, or with the whole class if the split is too small.
     apart = kept_apart(read.library, task)
     drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
     kind = apart.kind if read.instances == "all" else "all"

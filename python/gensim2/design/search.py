@@ -12,7 +12,8 @@
    the variants in the same way. The search repeats this refinement until a candidate succeeds often enough, all success
    rates stay too low, the designer has no more variants, or the budget is spent.
 
-Candidates rank by success rate; if leaders do not differ significantly, `strict` decides, with the hand's retreat.
+Candidates are ranked by success rate. If the leaders do not differ significantly, their rates by `strict` decide, which
+requires the hand to retreat.
 """
 
 from __future__ import annotations
@@ -62,14 +63,15 @@ class Budget:
 
     Attributes:
         screen_scenes: number of scenes on which every candidate is planned.
-        rounds: size of each round before refinements: (number of candidates, episodes of each).
+        rounds: size of each round before refinements, as (number of candidates, episodes of each).
         refined: size of the simulation round after each refinement, as in ``rounds``.
         comparison: size of each round in which the leading candidates are compared, as in ``rounds``.
-        max_episodes: maximum episodes of a candidate; leaders without a significant difference then count as equal.
-        enough, enough_strict: success rates, at least ``enough_episodes`` episodes, at which the search ends. If only
-            the strict rate is too low, there is at most one refinement.
-        enough_episodes: minimum episodes of a candidate that ends the search or is chosen.
-        hopeless: rate up to which refinements end after the designer's ``patience``.
+        max_episodes: maximum number of episodes of a candidate. Leaders without a significant difference then count as
+            equal.
+        enough, enough_strict: success rates at which the search ends, with at least ``enough_episodes`` episodes. If
+            only the strict rate is too low, there is one refinement at most.
+        enough_episodes: minimum number of episodes of a candidate that ends the search or is chosen.
+        hopeless: success rate up to which refinements end after the designer's ``patience``.
         max_physics_episodes: total number of simulated episodes after which the search stops comparing and refining.
     """
 
@@ -85,7 +87,7 @@ class Budget:
     max_physics_episodes: int = 150
 
 
-#: Budget for long tasks, whose episodes take ten times as long and which have few candidates.
+#: Budget for long tasks. Their episodes take ten times as long, and they have few candidates.
 LONG_BUDGET = Budget(
     screen_scenes=2,
     rounds=((3, 1), (2, 2)),

@@ -14,7 +14,7 @@ from gensim2.objects.words import belongs, camel_case
 from gensim2.tasks.criteria import RigidOnRigid
 from gensim2.tasks.spec import ObjectSpec, Place
 
-#: Position (x, y), m, of the only bowl or plate, and of two.
+#: Position (x, y), m, of a single bowl or plate, and of each of two.
 SUPPORT_AT = (-0.1, 0.1)
 BOTH_AT = ((-0.05, 0.16), (-0.05, -0.16))
 SUPPORTS = ("bowl", "plate")

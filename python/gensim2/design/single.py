@@ -84,7 +84,7 @@ def demo(
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         videos: number of demonstrations to record as videos.
-        engines: ``"both"`` runs each episode also in the other engine; a demonstration must succeed in both.
+        engines: ``"both"`` runs each episode also in the other engine. A demonstration must succeed in both.
         progress: listener for stages and steps.
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 

@@ -1,7 +1,8 @@
 """Provide the offline designer's strategies, which move joints, grasp objects and place objects of any class.
 
-Many strategies are the library's (``gensim2/tasks/library/strategies``), defined in the joint frame, so they fit any
-class; those that place objects are computed from sizes. The planner uses a step's first strategy with a plan.
+Many strategies come from the library (``gensim2/tasks/library/strategies``). They are defined in the joint frame, so
+they fit any class. Strategies that place objects are computed from sizes. The planner uses the first strategy of a step
+that has a plan.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
 
 def joint_ways(thing: Affordance, way: Way, openness: float | None = None) -> Strategies:
-    """Return the library's strategies that move a joint, to ``openness`` or to the joint limit."""
+    """Return the library's strategies that move a joint to ``openness``, or to the joint limit if it is None."""
     found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
     if openness is None:
         return found
@@ -155,7 +156,10 @@ def places_in(container: Affordance, thing: Affordance, aside: float = 0.0) -> S
 
 
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
-    """Return strategies that put the object onto or into a rigid object, from the lowest release height up."""
+    """Return strategies that put the object onto or into a rigid object.
+
+    They are ordered by release height, lowest first.
+    """
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {

@@ -1,12 +1,14 @@
 """Sample alignments with weights learned from the results of earlier alignments.
 
-An alignment must let the arm reach the pose (``reach``), follow the joint (``follow``), move it (``effect``).
+With a good alignment, the arm can reach the pose (``reach``), follow the joint (``follow``), and move it (``effect``).
 
-A diagnosis shows which condition failed and which parts of the alignment caused it: if the pose is out of reach, its
-direction and keypoint. Alignments similar in all these parts are sampled less often; a further cause, such as a contact
-offset with which a finger hit the object, narrows their number.
+A diagnosis shows which of these conditions failed and which parts of the alignment may have caused the failure. If the
+pose is out of reach, these parts are the direction and the keypoint. Alignments that are similar in all these parts are
+then sampled less often. A further cause, such as the contact offset with which a finger hit the object, makes fewer
+alignments similar.
 
-Probabilities come from trials of alignments similar in these parts; likely ones are sampled more often.
+Probabilities come from trials of alignments that are similar in these parts. Alignments with a high probability are
+sampled more often.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ DIRECTION_POWER = 4
 #: The similarity of two contacts decreases exponentially with their distance; at this distance (m) it is 1/e.
 OFFSET_SCALE = 0.02
 
-#: Decisive parts of an alignment for each condition: similar parts give similar results.
+#: Decisive parts of an alignment for each condition. Alignments with similar parts give similar results.
 _YES: dict[Question, tuple[Part, ...]] = {
     "reach": ("approach", "keypoint"),
     "follow": ("approach", "keypoint", "motion"),
@@ -78,7 +80,8 @@ class Evidence:
 
     Attributes:
         question: the condition that the trials test: ``reach``, ``follow`` or ``effect``.
-        parts: decisive parts of the alignment, such as the keypoint; the result counts for all similar in them.
+        parts: decisive parts of the alignment, such as the keypoint. The result counts for all alignments that are
+            similar in them.
         yes: fraction of trials that met the condition.
         trials: number of trials.
     """
@@ -109,7 +112,7 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # A weighted sample without replacement: the largest logarithms plus Gumbel noise (Vieira 2014).
+    # This is a weighted sample without replacement: the largest sums of logarithm and Gumbel noise (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 
@@ -165,7 +168,7 @@ def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
 def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
     """Yield, for each condition, evidence from the trials that met the condition.
 
-    Conditions are tested in the order ``reach``, ``follow``, ``effect``; those before the failure are met.
+    Conditions are tested in the order ``reach``, ``follow``, ``effect``. Conditions before the failed one are met.
 
     Args:
         stage: results of the trials.

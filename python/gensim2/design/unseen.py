@@ -13,12 +13,12 @@ from gensim2.tasks.spec import TaskSpec
 
 @dataclass(frozen=True)
 class Apart:
-    """Division of a task's articulated instances into those for the search and those for its test.
+    """Division of a task's articulated instances into instances for the search and instances for its test.
 
     Attributes:
-        classes: articulated classes by the object's name; rigid classes have a single instance each.
-        kind: instances of the test: ``"new"`` generated objects, ``"test"``, the test split of real classes, or
-            ``"all"`` if a class has too few instances for one.
+        classes: articulated classes by name of the object. A rigid class has only one instance.
+        kind: instances of the test. ``"new"``: new generated objects; ``"test"``: the test split of real classes;
+            ``"all"``: all instances, if a class has too few for a test split.
         search: instances that the search uses, as a value of ``--instances``.
     """
 
@@ -30,7 +30,7 @@ class Apart:
     def verification(self, episodes: int, seed: int) -> list[Drawn]:
         """Return, for each verification episode, the instances from which the episode takes its objects.
 
-        For ``"new"`` an entry has a new id for each articulated object; otherwise it is ``kind``.
+        For ``"new"``, an entry has a new id for each articulated object. Otherwise it is ``kind``.
         """
         if self.kind != "new":
             return [self.kind] * episodes

@@ -1,6 +1,7 @@
 """Render pictures for a language model: an object with its keypoints, or the arm at an actuation pose.
 
-A separate process renders, from the first picture on (half a minute in software), because drivers may crash.
+A separate process renders, because graphics drivers may crash. It starts with the first picture, which takes half a
+minute with software rendering.
 """
 
 from __future__ import annotations
@@ -48,7 +49,10 @@ _STARTING = Lock()
 
 
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
-    """Return a picture with labelled keypoints: three joint positions, or three sides of a rigid object."""
+    """Return a picture with labelled keypoints.
+
+    It shows an articulated object at three joint positions, or a rigid object from three sides.
+    """
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 
 
@@ -67,7 +71,10 @@ class SceneViews:
         return self.actuation(task, {}, step)
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """Return a picture with the arm at the actuation pose of ``step``; the initial scene without a pose."""
+        """Return a picture with the arm at the actuation pose of ``step``.
+
+        Without such a pose, it shows the initial scene.
+        """
         told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **self.options.to_record()}
         given = (self.options, task, {name: dict(each) for name, each in steps.items()}, step)
         return LazyPicture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
@@ -135,7 +142,10 @@ def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strate
 def _actuation(
     options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
-    """Return joints (n,) and hand pose (4, 4) in the base frame at the actuation pose, or (None, None)."""
+    """Return the joints (n,) and the hand pose (4, 4), base frame, at the actuation pose.
+
+    Return (None, None) without a pose.
+    """
     planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # if the tool is a grasped object, its grasp is planned first

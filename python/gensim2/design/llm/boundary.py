@@ -2,7 +2,7 @@
 
 The cleaning removes API keys and lone surrogates (characters that UTF-8 cannot encode).
 
-Endpoints may be broken or untrusted, so answers, refusals, headers and errors pass through :class:`Boundary`.
+Endpoints may be broken or untrusted. Therefore answers, refusals, headers and errors pass through :class:`Boundary`.
 """
 
 from __future__ import annotations

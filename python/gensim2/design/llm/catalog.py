@@ -28,7 +28,7 @@ class Catalog:
 
     Attributes:
         settings: facts about the robot.
-        articulated, rigid: facts by class name; classes with unreadable objects are left out.
+        articulated, rigid: facts by name of the class. Classes with unreadable objects are left out.
         known: tasks that exist already.
     """
 
@@ -80,7 +80,7 @@ class Catalog:
 
 
 def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
-    """Convert a name such as ``open-safe`` to CamelCase; append a message if it is invalid or exists."""
+    """Convert a name such as ``open-safe`` to CamelCase. Append a message if the name is invalid or already exists."""
     text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
     if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
         problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')

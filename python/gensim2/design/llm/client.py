@@ -1,6 +1,7 @@
 """Query endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
-``openai`` retries, ``boundary`` cleans replies; this client drops unsupported fields and explains errors.
+``openai`` repeats failed requests, and ``boundary`` cleans replies. This client drops unsupported fields and explains
+errors.
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ class Client:
                     raise self._in_words(error) from error
                 self._without.add(name)
             except self._openai.InternalServerError as error:
-                # Some servers report an internal error for a JSON schema, so ask once more without it.
+                # Some servers report an internal error for a JSON schema. Therefore ask once more without the schema.
                 if failed is not None or self._schema_works or "response_format" not in request:
                     raise failed or self._in_words(error) from error
                 failed = self._in_words(error)
@@ -184,7 +185,7 @@ class Client:
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
         if isinstance(error, library.NotFoundError):
             message = f"{self.endpoint} has no model {given.model!r}: {said}"
-            # If the error names the model, the address is right; else the remedy mentions both.
+            # If the error names the model, the address is right. Otherwise the remedy mentions both.
             known = given.model in said
             remedy = None if known else "check the model's name, and the end of --base-url, which is usually /v1"
             return InputError(message, field="designer", remedy=remedy)

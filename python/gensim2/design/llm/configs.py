@@ -33,7 +33,7 @@ OPENNESS = (-0.5, 1.5)
 
 MAX_CONSTRAINTS, MAX_MOTIONS = 12, 8
 
-#: Placeholder motion for checking constraints, because the parser refuses configs without one.
+#: Placeholder motion for checking constraints, because the parser refuses configs without a motion.
 _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
@@ -70,7 +70,9 @@ def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """Return the first keypoint in a solver config that tool and object lack, as a list, or an empty list.
+    """Return the first keypoint of a solver config that neither the tool nor the object has, as a list.
+
+    The list is empty if there is no such keypoint.
 
     Args:
         task: task that contains the step.

@@ -31,8 +31,9 @@ class TurnRecord(Record):
     """Record of one prompt and its answer.
 
     Attributes:
-        answer: digest of the question, stored with its answer in ``answers/<first 32 digits>.json``.
-        problems: faults, sent back to the model if the whole answer is unusable; faulty parts are left out.
+        answer: digest of the question. The question and its answer are in ``answers/<first 32 digits>.json``.
+        problems: faults. They are sent back to the model if the whole answer is unusable; otherwise faulty parts are
+            left out.
     """
 
     answer: str
@@ -96,7 +97,7 @@ class ConversationLog:
 
     @property
     def conversations(self) -> list[ConversationRecord]:
-        """All conversations, sorted by task, part of the task and stage, not by their time of arrival."""
+        """All conversations, sorted by task, part of the task and stage instead of the time of arrival."""
         return sorted(self._found.values(), key=lambda each: (each.subject, each.about, each.stage, _key(each)))
 
     def _write(self) -> None:
@@ -154,10 +155,10 @@ class Ask(Generic[T]):
         about: part of the task that the question is about. It distinguishes the questions of one stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
-        read: function from an answer's data to a value; raises Wrong or InputError for invalid data.
+        read: function that converts the data of an answer to a value. It raises Wrong or InputError for invalid data.
         pictures: pictures sent with the prompt.
         sample: number that distinguishes repetitions of a question.
-        remarks: list for faults of parts that ``read`` leaves out; stored in the conversation's record.
+        remarks: list for the faults of parts that ``read`` leaves out. The record of the conversation stores them.
         prose: whether ``read`` gets the unparsed text of the answer, under the key ``text``.
     """
 

@@ -53,7 +53,7 @@ class LLMDesigner:
     Args:
         model: language model.
         prompts: prompt templates.
-        asking: settings of requested designs: mode, target task or object, number of configs and others.
+        asking: settings of requested designs, such as the mode, the target task or object, and the number of configs.
         robot_name: name of the robot. Configs may name only those keypoints of the hand that this robot has.
         views: renderer of scenes for the model; None: the model gets no pictures of scenes.
     """
@@ -96,7 +96,8 @@ class LLMDesigner:
     def patience(self) -> int:
         """Maximum number of refinements of a task whose candidates nearly always fail.
 
-        Such a task gets all permitted rounds, because the model receives each failure's diagnosis.
+        A task that nearly always fails gets all permitted rounds, because the model receives the diagnosis of each
+        failure.
         """
         return self.asking.max_rounds
 
@@ -136,12 +137,12 @@ class LLMDesigner:
                     return
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
-        """Ask for solver configs of each step without a known or rule-based strategy; combine them into candidates.
+        """Ask for solver configs of each step without a known or rule-based strategy. Combine them into candidates.
 
         In a single-step task, candidate n uses the model's n-th config.
 
-        In a task with several steps, candidate n has the n-th config of every step first, then the others, which the
-        planner tries if it finds no plan.
+        In a task with several steps, candidate n has the n-th config of every step first. The other configs follow, and
+        the planner tries them if it finds no plan.
 
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
@@ -201,7 +202,7 @@ class LLMDesigner:
         return children
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
-        """Ask the model for a task and whether the task is good; return None if the model rejects the task."""
+        """Ask the model for a task and whether the task is good. Return None if the model rejects the task."""
         catalog = Catalog.of(brief, articulated_only=self.asking.mode == "explore")
         catalog = replace(
             catalog, known=tuple({task.name: task for task in (*catalog.known, *self._proposed)}.values())
@@ -240,7 +241,10 @@ class LLMDesigner:
     def _approved(
         self, record: ConversationRecord, name: str, sentence: str, ask: Ask[tuple[bool, str]], refused: list[str]
     ) -> bool:
-        """Return whether the model's reflection accepts a proposal; record rejections and add them to ``refused``."""
+        """Return whether the model accepts a proposal on reflection.
+
+        Record rejections and add them to ``refused``.
+        """
         (good, why), _ = self.talk.ask(ask)
         if not good:
             self.talk.log.settle(record, name, "refused", why)
@@ -262,9 +266,9 @@ class LLMDesigner:
         return self._as_code(task, brief) if self.asking.code else task
 
     def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
-        """Ask the model for code of ``task`` and return the code's task, whose placements may differ."""
+        """Ask the model for code of ``task``. Return the task of the code, whose placements may differ."""
         known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
-        # If all stored tasks are hidden, show the prompts' example tasks, which never are.
+        # If all stored tasks are hidden, show the example tasks of the prompts, which are never hidden.
         if not known:
             known = [load_task(name) for name in self.prompts.good_tasks(long=not task.is_single_step)]
         references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]

@@ -79,7 +79,8 @@ class LanguageModel:
             return answer
         shared = question.shared_digest(self._client.endpoint, self.options.structured, digest)
         known = self._store.record(digest, shared)
-        # Ask a question that an earlier call left out for its budget (``spent``): this call's may be higher.
+        # Ask a question that an earlier call left out because its budget was spent (``spent``). The budget of this call
+        # may be higher.
         if known is not None and known.spent is None:
             self.ledger.add(known.answer, asked=False)
             self._store.put(digest, question, known.answer)

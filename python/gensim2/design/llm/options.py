@@ -68,7 +68,7 @@ class ModelOptions(BaseModel):
 
     @property
     def address(self) -> str | None:
-        """Return the endpoint's address, by default ``OPENAI_BASE_URL``; None means OpenAI's own address.
+        """Return the address of the endpoint, which is ``OPENAI_BASE_URL`` by default. None means OpenAI's own address.
 
         Raises:
             InputError: the address is invalid, or it contains credentials, a query or a fragment.

@@ -108,7 +108,7 @@ class ModelQuestion:
         subject: task or class that the question is about, for readers of the record.
         messages: messages so far.
         schema: JSON schema of the answer, for endpoints that support one.
-        sample: numbers that distinguish questions of the same text, such as seed, proposal and round.
+        sample: numbers that distinguish questions with the same text, such as seed, proposal and round.
     """
 
     stage: str
@@ -126,7 +126,8 @@ class ModelQuestion:
     def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
         """Return the digest (hex) of all inputs that determine the answer. It is the key of the cache that runs share.
 
-        Inputs are the question with model settings (``digest``), address, JSON schema and structured-answer setting.
+        The digest covers the question, the model settings (``digest``), the address, the JSON schema, and the setting
+        of structured answers.
         """
         content = [endpoint, structured, self.schema, digest]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

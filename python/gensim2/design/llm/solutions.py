@@ -22,7 +22,7 @@ from gensim2.tasks.strategies import Strategies
 
 Mode = Literal["explore", "topdown", "bottomup", "free"]
 
-#: Prompts show up to ``SHOWN_BEST`` of the best configs and up to ``SHOWN_NEW`` others, newest first.
+#: Prompts show up to ``SHOWN_BEST`` of the best configs, and up to ``SHOWN_NEW`` other configs, newest first.
 SHOWN_BEST, SHOWN_NEW = 3, 3
 
 FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
@@ -35,11 +35,17 @@ class Views(Protocol):
     """
 
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
-        """Return a picture of the initial scene with coordinate frames and the keypoints of the object of ``step``."""
+        """Return a picture of the initial scene.
+
+        It shows coordinate frames and the keypoints of the object of ``step``.
+        """
         ...
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> LazyPicture:
-        """Return a picture of the initial scene with the arm at the actuation pose of ``step``'s strategies."""
+        """Return a picture of the initial scene.
+
+        The arm is at the actuation pose of the strategies of ``step``.
+        """
         ...
 
 
@@ -48,12 +54,14 @@ class Asking:
     """Settings for requesting designs from a model.
 
     Attributes:
-        mode: tasks to request: ``"explore"``: single-step; ``"topdown"``: long, decomposed by the model;
-            ``"bottomup"``: long, composed of verified tasks; ``"free"``: several objects, grasped tools, all criteria.
+        mode: tasks to request. ``"explore"``: tasks with a single step; ``"topdown"``: long tasks that the model
+            decomposes; ``"bottomup"``: long tasks composed of verified tasks; ``"free"``: tasks with several objects,
+            grasped tools and all criteria.
         target_task: name of the task to propose; None: any.
         target_object: class that each task must use; None: any.
         trials: number of configs that are requested at once for a step.
-        max_rounds: maximum number of answers to one question, and of rounds that improve simulated configs.
+        max_rounds: maximum number of answers to one question, and maximum number of rounds that improve simulated
+            configs.
         visual: whether to send pictures.
         code: whether to request code that defines each task, in addition to its description.
     """
@@ -146,7 +154,9 @@ class Solutions:
 
 
 def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """Return tried solver configs with results: up to ``SHOWN_BEST`` best, then up to ``SHOWN_NEW`` newest others.
+    """Return the solver configs that were tried, with their results.
+
+    The list has up to ``SHOWN_BEST`` best configs, followed by up to ``SHOWN_NEW`` newest other configs.
 
     Args:
         step: step for which the configs were written.
@@ -162,7 +172,7 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def _tried(step: Step, result: CandidateResult) -> solving.Tried:
-    """Return a config and its results in words: success rates by object, failures in planning and simulation."""
+    """Return a config and its results in words: success rates by object, and failures in planning and simulation."""
     told = f"Planned on {result.plan_score:.0%} of the scenes."
     if result.episodes:
         told += f" In physics it succeeded in {result.held:.0f} of {result.episodes} episodes."

@@ -29,10 +29,10 @@ CRITERIA = (
 #: Position (x, y) in metres of a rigid object to pick up; it lies beside the robot, where no opening door can reach.
 BESIDE = (-0.2, -0.45)
 
-#: Time limit of a task, control cycles; each step of a long task adds this number.
+#: Time limit of a task in control cycles. Each step of a long task adds this number.
 STEPS_A_STEP = 300
 
-#: Mean openness at the start of a container that is never opened, or closed before it is opened.
+#: Mean openness at the start of a container that the task never opens, or closes before it opens it.
 STANDS_OPEN = 0.95
 
 
@@ -102,7 +102,8 @@ def long_task(
     if rigid is not None and other is not None:
         objects[other] = ObjectSpec(asset_class=rigid.asset_class, place=Place(at=BESIDE))
     asked = [criterion(kind, role, other) for kind in goal]
-    # A model often names only an object's place as the goal and forgets the last step's joint, so add its criteria.
+    # A model often names only the place of an object as the goal and forgets the joint of the last step. Add its
+    # criteria.
     lasting = [c for c in steps[-1].done if isinstance(c, JOINT)]
     return TaskSpec(
         name=name,

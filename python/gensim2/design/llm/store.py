@@ -69,7 +69,10 @@ class ModelRecord(Record):
 
 
 class AnswerRecord(Record):
-    """Content of ``answers/<digest>.json``: a question with its answer, or with the reason ``spent`` without one."""
+    """Content of ``answers/<digest>.json``.
+
+    It is a question with its answer, or with the reason ``spent`` for the lack of one.
+    """
 
     schema_version: Literal[1] = 1
     stage: str
@@ -119,7 +122,7 @@ class AnswerStore:
         return read_record(self.path / MODEL_JSON, ModelRecord, _REMEDY)
 
     def write_model(self, record: ModelRecord) -> None:
-        """Write ``model.json``; if it exists, check that model and settings are the same for all answers.
+        """Write ``model.json``. If the file exists, check that the model and the settings are the same for all answers.
 
         Raises:
             InputError: the folder holds answers of another model or with other settings.
@@ -184,7 +187,7 @@ class AnswerStore:
             question: the question.
             answer: the answer; ``NO_ANSWER`` if the budget was spent before the question was asked.
             shared: digest of question and endpoint, the key of the cache; None: do not cache the answer.
-            spent: message that the budget was spent before the question, where a replay stops; None otherwise.
+            spent: message that the budget was spent before the question. A replay stops there. None otherwise.
         """
         said = [
             {"role": m.role, "text": m.text, **({"pictures": [p.of for p in m.pictures]} if m.pictures else {})}

@@ -44,7 +44,7 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe the direction of a hinge's axis in the default placement; empty without a hinge."""
+    """Describe the direction of the axis of a hinge in the default placement. Empty if the object has no hinge."""
     if thing.hinge_axes is None:
         return ""
     mean = np.mean(thing.hinge_axes, axis=0)
@@ -55,7 +55,7 @@ def hinge(thing: Affordance) -> str:
 
 
 def reached(thing: Affordance, goal: End) -> str:
-    """Return the quoted instruction to move the joint to one end of its range: ``"open the drawer"``."""
+    """Return the quoted instruction that moves the joint to one end of its range, such as ``"open the drawer"``."""
     return quoted(words(thing.asset_class, goal, thing.joint_type or "revolute").sentence)
 
 
@@ -73,7 +73,8 @@ def place(thing: Affordance) -> str:
 def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> str:
     """Return a phrase that describes one keypoint; a prompt adds the phrase to the keypoint's name.
 
-    The phrase states the keypoint's position, its part's size, and its direction as the joint opens.
+    The phrase states the position of the keypoint, the size of its part, and the direction in which it moves as the
+    joint opens.
     """
     facts = geometry.get(name)
     if facts is None:
@@ -93,7 +94,10 @@ def at(thing: Affordance, name: str, geometry: Mapping[str, KeypointFacts]) -> s
 
 
 def shift(spec: ObjectSpec) -> str:
-    """Describe random placement after "shifts it by up to": "3 cm along x and y, and turns it by up to 11 degrees"."""
+    """Describe the random placement of an object, as the end of a sentence that begins "shifts it by up to".
+
+    An example is "3 cm along x and y, and turns it by up to 11 degrees".
+    """
     drawn = spec.randomization
     farthest = max(abs(value) for value in (*drawn.x, *drawn.y))
     return f"{100 * farthest:.0f} cm along x and y, and turns it by up to {math.degrees(abs(drawn.yaw)):.0f} degrees"
@@ -112,7 +116,7 @@ def known_task(task: TaskSpec) -> str:
     return f"{task.name}: {task.description} ({classes}; {goal})"
 
 
-#: Hinge axes of a class are similar if the mean of the unit axes is at least this long.
+#: The hinge axes of a class are similar if the mean of their unit vectors is at least this long.
 SAME_WAY = 0.9
 
 SUFFIX = ".md.j2"
@@ -135,7 +139,7 @@ class Prompts:
         folder: the user's folder, whose files replace files of the package; None: no folder.
 
     Raises:
-        InputError: the folder is missing, or has an unreadable file or one without a prompt's name.
+        InputError: the folder is missing, a file in it is unreadable, or a file does not have the name of a prompt.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -176,7 +180,10 @@ class Prompts:
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
     def good_tasks(self, long: bool) -> list[str]:
-        """Return the names of good example tasks of the library: long tasks if ``long``, else single-step tasks."""
+        """Return the names of good example tasks of the library.
+
+        With ``long`` they are long tasks, otherwise single-step tasks.
+        """
         kebab = [str(each["task-name"]) for each in self.bank["long" if long else "single"]]
         names = ["".join(map(str.capitalize, each.split("-"))) for each in kebab]
         return [name for name in names if name in task_names()]

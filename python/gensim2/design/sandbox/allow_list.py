@@ -90,7 +90,8 @@ def checked(
         methods: methods of ``self`` that the program may call.
 
     Returns:
-        The syntax tree, and up to ten forbidden constructs (line number, sentence); none if allowed.
+        The syntax tree, and up to ten forbidden constructs as pairs of line number and sentence. The list is empty if
+        all is allowed.
 
     Raises:
         SyntaxError: the program is not Python, or too long or nested too deeply for the parser.
@@ -308,7 +309,7 @@ class Reader:
 
 
 def number(node: ast.AST) -> int | float:
-    """Evaluate arithmetic on numbers only: text or lists times a number could fill the memory.
+    """Evaluate arithmetic on numbers only. Text or lists times a number could fill the memory.
 
     Raises:
         Refused: an operand is not a number, or a result is out of bounds.

@@ -26,7 +26,8 @@ class TaskCodeError(InputError):
     """Generated task code cannot be used; the message can be sent back to the model that wrote the code.
 
     Attributes:
-        kind: ``"syntax"``: not Python, ``"refused"``: forbidden, ``"failed"``: wrong name, ``"invalid"``: bad task.
+        kind: ``"syntax"``: the code is not Python; ``"refused"``: a construct is forbidden; ``"failed"``: a name is
+            wrong; ``"invalid"``: the task is invalid.
         problems: one sentence for each fault, with the line if known.
     """
 
@@ -70,7 +71,8 @@ def interpret(tree: ast.Module) -> dict[str, Any]:
     """Return the fields of the task that a syntax tree describes.
 
     Args:
-        tree: allowed syntax tree; only assignments, calls of the language's functions and constants are evaluated.
+        tree: syntax tree that the allow-list accepts. Only assignments, calls of the language's functions and constants
+            are evaluated.
 
     Raises:
         Refused: the tree has a node that is not in the language.

@@ -1,7 +1,7 @@
 """Define the functions and values of the task language, and the task fields that they produce.
 
 A class derived from ``Task`` names objects (``self.drawer = Object("drawer")``), steps (``self.step``) and the goal
-(``self.goal``). Criteria types are functions. Values are checked when the fields are parsed.
+(``self.goal``). The types of criteria are functions. Values are checked when the fields are parsed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gensim2.tasks.spec import HAND
 METHODS = ("step", "goal")
 #: Fields of the task that a program may set as attributes of ``self`` or of the class.
 SETTINGS = ("description", "max_episode_steps")
-#: Maximum number of values and characters: nested lists could repeat others to exponential size.
+#: Maximum number of values and of characters. Nested lists could otherwise repeat each other to an exponential size.
 MAX_SIZE = 100_000
 #: Maximum nesting of values.
 MAX_DEPTH = 50
@@ -42,7 +42,10 @@ class Fields:
 
 
 class Object(Fields):
-    """Object of an asset class; the task's attribute with the object gives the object's name."""
+    """Object of an asset class.
+
+    The attribute of the task that has the object gives the object its name.
+    """
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__("Object", ("asset_class", "instances", "place", "randomization"), values, named)
@@ -50,7 +53,7 @@ class Object(Fields):
 
 
 def _place(*values: Any, **named: Any) -> Fields:
-    """Return a placement: support ``on`` ("table" or an object), position ``at`` (x, y) in m, ``yaw`` in rad."""
+    """Return a placement: support ``on`` ("table" or an object), position ``at`` (x, y) in m, and ``yaw`` in rad."""
     return Fields("Place", ("on", "at", "yaw"), values, named)
 
 
@@ -109,7 +112,7 @@ class Task:
             name: name of the step, unique in the task.
             object: the object that the step acts on.
             tool: "hand", or the grasped object whose keypoints replace the hand's keypoints.
-            strategies: names of alternative strategies; default: one with the step's name.
+            strategies: names of alternative strategies. By default, there is one strategy with the name of the step.
             done: criteria of the step's success.
         """
         names = [name] if strategies is None else strategies
@@ -126,7 +129,7 @@ class Task:
         """Return the task's fields in the form that :func:`gensim2.tasks.parse.parse_task` reads.
 
         Args:
-            docstring: the class's docstring, the description unless there is an attribute ``description``.
+            docstring: docstring of the class. It is the description unless there is an attribute ``description``.
 
         Raises:
             ValueError: a value cannot be converted to JSON data.
@@ -206,7 +209,10 @@ def _object(value: Object) -> dict[str, Any]:
 
 
 class _Plain:
-    """Converts task values to JSON data of limited size: objects to names, ``Fields`` to dictionaries."""
+    """Converter of task values to JSON data of limited size.
+
+    Objects become names, and ``Fields`` become dictionaries.
+    """
 
     def __init__(self) -> None:
         self._size = 0

@@ -72,7 +72,7 @@ class Composition:
 
 
 def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
-    """Return the known tasks with a single step and one articulated object, which can be steps of longer tasks."""
+    """Return the known tasks with a single step and one articulated object. They can be steps of longer tasks."""
     found = []
     for each in known:
         task = each.task
@@ -187,7 +187,7 @@ def _classes(
 
 
 class _Chain:
-    """Builds steps from an answer, tracks the hand and the joint, and finds unmet preconditions."""
+    """Builder of steps from an answer. It tracks the hand and the joint, and finds preconditions that are not met."""
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems

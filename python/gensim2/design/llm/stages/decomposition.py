@@ -105,7 +105,10 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
 
 
 def _listed(data: Sequence[Data]) -> list[Data]:
-    """Return the sub-tasks in an answer: a list under a key, a list at the top, or successive JSON objects."""
+    """Return the sub-tasks in an answer.
+
+    They are a list under a key, a list at the top level, or successive JSON objects.
+    """
     for each in reversed(data):
         for key in ("sub-tasks", "subtasks", "sub_tasks", ITEMS):
             if isinstance(each.get(key), list):
@@ -150,7 +153,8 @@ class _Chain:
         elif kind in WORKING:
             self._work(where, kind)
         elif kind == "distance_gripper_rigidbody" and self._grasps_next(rest):
-            # The next sub-task's grasp becomes a step with this sub-task's criterion, so none is needed here.
+            # The grasp of the next sub-task becomes a step with the criterion of this sub-task. No other step is needed
+            # here.
             self.reached = criterion(kind, self.role, self.other)
         else:
             on = self.other if kind == "distance_gripper_rigidbody" else self.role

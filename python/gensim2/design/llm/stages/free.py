@@ -95,7 +95,7 @@ def whole_task(
 
 
 def as_answer(task: TaskSpec) -> dict[str, Any]:
-    """Return a stored task in the format of the model's answers; step names serve as descriptions."""
+    """Return a stored task in the format of the model's answers. The names of its steps serve as descriptions."""
     objects: dict[str, Any] = {}
     for name, thing in task.objects.items():
         objects[name] = {"class": thing.asset_class}
@@ -202,7 +202,7 @@ def _objects(given: Any, catalog: Catalog, wish: Wish, problems: list[str]) -> d
 def _steps(
     given: Any, objects: Mapping[str, Any], catalog: Catalog, problems: list[str]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """Return each step's fields and its description; append a fault for each tool that is not in the hand."""
+    """Return the fields and the description of each step. Append a fault for each tool that is not in the hand."""
     if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
         raise Wrong(['"steps" must be a list of objects'])
     if not 1 <= len(given) <= MAX_STEPS:

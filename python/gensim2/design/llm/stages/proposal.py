@@ -182,7 +182,7 @@ def reflection_on(
         catalog: robot, objects and known tasks.
         task: the task as the model wrote it.
         long: whether the task has several steps.
-        free: whether all criteria and several objects are allowed; the prompt then has no bad examples.
+        free: whether all criteria and several objects are allowed. The prompt then has no bad examples.
     """
     values = catalog.for_prompts()
     text = prompts.text("reflection", **values, task=dict(task), bad=prompts.bank["bad"], long=long, free=free)

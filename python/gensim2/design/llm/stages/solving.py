@@ -1,6 +1,6 @@
 """Ask the model for solver configs.
 
-Questions ask for constraints, then for motions, and after simulations for better configs.
+Questions ask for constraints first, then for motions, and after simulations for better configs.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ class Tried:
     """A simulated solver config and its results, described in sentences for the model.
 
     Attributes:
-        outcome: sentences on how often the planner found a plan and how often the config succeeded.
+        outcome: sentences that state how often the planner found a plan and how often the config succeeded.
         diagnosis: one sentence for each kind of failure.
     """
 
@@ -261,7 +261,7 @@ class Example:
 def examples_for(job: StepToSolve, known: Sequence[Known]) -> list[Example]:
     """Return up to ``EXAMPLES`` stored configs as examples for the step.
 
-    Examples are configs of the steps most similar in tool, goal and class, at most one per class.
+    The examples are configs of the steps that are most similar in tool, goal and class, with at most one per class.
     """
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
@@ -312,7 +312,10 @@ def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
 
 
 def _valid(given: Sequence[Config], job: StepToSolve, max_count: int, remarks: list[str]) -> list[Config]:
-    """Return the valid, different configs; add faults to ``remarks``; raise an error only if none is valid."""
+    """Return the valid configs without duplicates and add faults to ``remarks``.
+
+    Raise an error only if no config is valid.
+    """
     found: list[Config] = []
     problems: list[str] = []
     for number, config in enumerate(given[: 4 * max_count]):
