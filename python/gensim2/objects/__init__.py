@@ -1,6 +1,6 @@
 """Provide models of articulated and rigid objects, generated or real.
 
-Names are imported on first use: one object needs no package that reads or generates objects.
+Names are imported on first use. A program that only holds an object loads no package that reads or generates objects.
 """
 
 from __future__ import annotations

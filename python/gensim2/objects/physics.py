@@ -19,13 +19,13 @@ class ClassRule:
     """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: kg per m³ of collision hull; low, because hulls are solid and real parts thin shells.
+        density: kg per m³ of collision hull. It is low, because the hulls are solid and the real parts are thin shells.
         default_openness: mean openness (0 to 1) of the joint when scenes are randomized.
-        stance: pose on the table: ``"upright"``, or ``"flat"`` on the back with the front up.
+        stance: pose on the table: ``"upright"``, or ``"flat"``, which lies on its back with the front up.
         turn: side that faces the robot. ``"front"``: the front, or the back if the contact keypoint is there.
             ``"swing"``: the side to which the contact keypoint moves as the joint opens. ``"bar"``: for bars along the
-            model's x axis, such as a bucket's handle; turned by 90 degrees, so that the resting fingers are on its two
-            sides.
+            x axis of the model, such as the handle of a bucket; the object is turned by 90 degrees, so that the resting
+            fingers are on both sides of the bar.
     """
 
     density: float
@@ -90,8 +90,9 @@ class Inertial:
 def hull_moments(points: Array) -> tuple[float, Array, Array]:
     """Return volume, centroid (3,) and second moments (3, 3) about the origin of the hull of points (N, 3).
 
-    The moments of tetrahedra with a common inner corner are added. Each is an image of the unit tetrahedron, with
-    second moments 1/60 on the diagonal and 1/120 elsewhere, under the matrix of its three edges.
+    The moments of tetrahedra with a common inner corner are added. Each tetrahedron is the image of the unit
+    tetrahedron under the matrix of its three edges. The second moments of the unit tetrahedron are 1/60 on the diagonal
+    and 1/120 elsewhere.
     """
     hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)
@@ -121,14 +122,17 @@ def inertial(hulls: Sequence[Array], density: float) -> Inertial:
 def joint_resistance(
     joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
 ) -> tuple[float, float]:
-    """Return a joint's friction, which holds it against gravity but lets a push move it, and damping.
+    """Return friction and damping of a joint.
 
-    Friction is 1.3 times the largest gravity load over the range plus a small amount, which holds unloaded joints.
+    Friction holds the joint against gravity, but a push can move it.
+
+    Friction is 1.3 times the largest gravity load over the range plus a small amount, which holds joints without load.
     Damping is a small constant plus 0.1 (revolute) or 0.5 (prismatic) times the friction.
 
     Args:
         joint_type: ``"revolute"`` or ``"prismatic"``.
-        axis, origin: direction and a point (3,), m, of the axis in the moving link's frame at joint value zero.
+        axis, origin: direction of the joint axis and a point (3,) on it, m, in the frame of the moving link at joint
+            value zero.
         moving: inertial of the moving link, in the same frame.
         lower, upper: joint limits, rad or m.
         gravity: (3,) gravity in the same frame, m/s².

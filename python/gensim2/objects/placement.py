@@ -17,18 +17,22 @@ from gensim2.objects.types import Keypoint, Placement
 
 @dataclass(frozen=True)
 class PlacementRegion:
-    """Region for objects before a robot, m; distances are horizontal but ``hand_low_point``.
+    """Region for objects in front of a robot, m. All distances except ``hand_low_point`` are horizontal.
 
     Attributes:
         base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
-        comfortable: desired mean distance from the reference point to the contact keypoint over the joint's range.
-        farthest: maximum distance of the contact keypoint over the range; it may override ``hand_clearance``.
+        comfortable: desired distance from the reference point to the contact keypoint, as a mean over the joint's
+            range.
+        farthest: maximum distance of the contact keypoint over the joint's range. It takes precedence over
+            ``hand_clearance``.
         sideways: maximum lateral offset of the contact keypoint.
         nearest_x: minimum world x of a low object.
         hand_at_rest: world x and y of the hand at the start of an episode.
-        hand_low_point: height above the table of the resting hand's lowest point; lower objects fit below it.
-        hand_clearance: distance of tall objects from the resting hand: its thickness plus random displacements.
-        hand_half_width: lateral distance within which tall objects keep it: half the hand's width plus a reserve.
+        hand_low_point: height of the lowest point of the resting hand above the table. Lower objects fit below it.
+        hand_clearance: distance of tall objects from the resting hand. It covers the hand's thickness and random
+            displacements.
+        hand_half_width: lateral distance within which tall objects keep this clearance: half the hand's width plus a
+            reserve.
     """
 
     base_x: float = -0.615
@@ -83,8 +87,9 @@ def stance(model: Model, rule: ClassRule) -> Array:
 def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
     """Return the default placement of a model in front of a robot.
 
-    The lowest point at any joint value touches the table. The contact keypoint is ``comfortable`` from the base, or
-    farther if a tall part is near the resting hand; its mean over the range is straight in front.
+    The lowest point at any joint value touches the table. The contact keypoint is at the distance ``comfortable`` from
+    the base, or farther if a tall part would be near the resting hand. Its mean position over the range is straight in
+    front of the robot.
 
     Args:
         rule: parameters of its class.

@@ -157,7 +157,10 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
-    """Return a truncated cone from ``a`` to ``b``; its hull has ``sides`` edges, its visual mesh twice as many."""
+    """Return a truncated cone from ``a`` to ``b``.
+
+    Its hull has ``sides`` edges, and its visual mesh has twice as many.
+    """
     a, b = np.asarray(a, float), np.asarray(b, float)
     hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
     seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
@@ -230,9 +233,9 @@ def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -
 
 
 def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
-    """Return the surface of successive rings (N, 3), counterclockwise as seen from the last ring.
+    """Return the surface of successive rings (N, 3), which are counterclockwise as seen from the last ring.
 
-    ``closed`` adds flat faces at both ends; else the surface returns to the first ring, as in a torus.
+    If ``closed``, flat faces are added at both ends. Otherwise the surface returns to the first ring, as in a torus.
     """
     n, k = len(rings[0]), len(rings)
     vertices = [*rings]
@@ -255,8 +258,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
     Args:
         a, b: (3,) ends of the axis, m.
-        profile: corners (radius in m, position along the axis: 0 at ``a``, 1 at ``b``), counterclockwise with the
-            radius to the right and the axis upwards.
+        profile: corners (radius in m, position along the axis from 0 at ``a`` to 1 at ``b``). They are counterclockwise
+            in a diagram with the radius to the right and the axis upwards.
         look: material.
         sides: number of flat sides that approximate the circle around the axis.
     """
@@ -314,7 +317,9 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """Return a tube from ``a`` to ``b``, ``radius_a`` to ``radius_b``: ``segments`` convex parts and a round mesh.
+    """Return a tube from ``a`` to ``b`` with radii from ``radius_a`` to ``radius_b``.
+
+    It has ``segments`` convex parts and a round mesh.
 
     ``bottom`` is the thickness of a disc that closes the tube at ``a``. If it is None, both ends are open.
     """

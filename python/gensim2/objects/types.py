@@ -31,7 +31,7 @@ Array = Annotated[
 
 
 def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | None = None) -> Array:
-    """Return a joint's rigid motion from value zero to a value, in the frame of ``axis`` and ``origin``.
+    """Return the rigid motion of a joint from value zero to ``value``, in the frame of ``axis`` and ``origin``.
 
     Args:
         kind: ``"prismatic"``, ``"revolute"`` or ``"continuous"``.
@@ -117,8 +117,10 @@ class Placement:
     """Pose of an object before randomization.
 
     Attributes:
-        position: (3,) root in the world; the lowest point touches the table, z = 0. Rigid: x = y = 0 at first.
-        quaternion: (4,) rotation (w, x, y, z) to the world: contact side to the robot, or resting pose.
+        position: (3,) position of the root in the world. The lowest point touches the table, z = 0. A rigid object is
+            at x = y = 0.
+        quaternion: (4,) rotation (w, x, y, z) to the world. It turns the contact side to the robot, or is the resting
+            pose of a rigid object.
     """
 
     position: Array
@@ -184,8 +186,8 @@ class ObjectModel(Protocol):
 class ArticulatedObject:
     """An articulated object ready for simulation and planning.
 
-    ``urdf`` is scaled and complete: inertials, limits, joint dynamics, one convex mesh per collision element. SAPIEN
-    and urdf-rs load it directly; ``hulls`` are the same parts as arrays.
+    ``urdf`` is scaled and complete: it has inertials, limits, joint dynamics, and one convex mesh for each collision
+    element. SAPIEN and urdf-rs load it directly. ``hulls`` are the same parts as arrays.
 
     Attributes:
         asset_class: name of the class, such as ``"box_rotate"``.
@@ -194,8 +196,8 @@ class ArticulatedObject:
         urdf: file in the cache folder; its meshes are in the same folder.
         joint: movable joint.
         keypoints: keypoints by name.
-        T_link_object: (4, 4) object frame (docs/architecture.md) in the moving link's frame.
-        object_axis: object-frame axis ``"x"``, ``"y"`` or ``"z"`` of the planner's rotate motions.
+        T_link_object: (4, 4) pose of the object frame (docs/architecture.md) in the frame of the moving link.
+        object_axis: axis ``"x"``, ``"y"`` or ``"z"`` of the object frame for the planner's rotate motions.
         hulls: convex vertex sets by link name, each (N, 3) metres in the link frame.
         placement: default placement, computed from the geometry.
         default_openness: mean of the randomized openness.
@@ -261,13 +263,14 @@ class RigidObject:
         asset_class: name of the class, such as ``"mug"``. The class contains only this object.
         source: ``"generated"`` or ``"real"``.
         folder: folder with ``visual.glb`` and ``hull_<i>.obj``, in metres in the object frame.
-        hulls: convex collision parts (N, 3), object frame, m, of the only link ``"body"``.
+        hulls: convex collision parts (N, 3) of the only link ``"body"``, metres in the object frame.
         mass: mass, kg.
         center_of_mass: (3,) centre of mass in the object frame, m.
         inertia: (3, 3) inertia about the centre of mass, along the axes of the object frame, kg m².
         friction: friction coefficient of the surface, for both static and dynamic friction.
-        keypoints: on ``"body"``: ``rigidbody_object_head``, and ``rigidbody_object_tail`` if there are two ends.
-        placement: stable pose of the object frame on a table at z = 0, above the world's origin.
+        keypoints: keypoints on ``"body"``: ``rigidbody_object_head``, and ``rigidbody_object_tail`` if the object has
+            two ends.
+        placement: stable pose of the object frame on a table at z = 0, above the origin of the world.
         grip: best grasp of the object in the pose ``placement``.
         license: licence terms of the data.
         content_hash: hex digest of all inputs of the object.

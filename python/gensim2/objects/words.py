@@ -45,8 +45,9 @@ class Phrase:
         name: name in CamelCase, such as ``"PressStapler"``.
         sentence: instruction in lower case, such as ``"press the stapler"``.
         noun: name of the object, such as ``"stapler"``.
-        usefulness: how likely people ask for the task: 1 for everyday requests (open, close, switch, press, lift), 0.5
-            for occasional ones or parts of chores, 0.1 for tasks that only undo others or happen by themselves.
+        usefulness: how likely it is that people ask for the task. 1: everyday requests (open, close, switch, press,
+            lift); 0.5: occasional requests or parts of chores; 0.1: tasks that only undo others or happen by
+            themselves.
     """
 
     name: str
@@ -61,9 +62,9 @@ class Purpose:
 
     Attributes:
         say: sentence with ``{}`` in place of the actions, such as ``"{} to tidy the desk"``.
-        goals: joint goals of the purpose: a class of objects and the limit to which its joint is moved.
-        errands: pairs of actions: a joint goal as in ``goals``, and putting a rigid object on or into another: the
-            other's class, then the rigid class.
+        goals: joint goals of the purpose. Each has a class of objects and the limit to which its joint is moved.
+        errands: pairs of actions. The first is a joint goal as in ``goals``. The second puts a rigid object on or into
+            another object, and has the class of this other object and the rigid class.
     """
 
     say: str
@@ -91,7 +92,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
     """Return the instruction for moving the joint of a class of objects to one of its limits.
 
     Args:
-        asset_class: articulated class; without words of the package, its name forms the instruction.
+        asset_class: articulated class. If the package has no words for it, its name forms the instruction.
         goal: ``"articulated_open"`` for the upper limit of the joint, ``"articulated_closed"`` for the lower limit.
         joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how its joint moves.
     """
@@ -105,7 +106,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction for moving an object's joint halfway; None if people seldom ask for it."""
+    """Return the instruction that moves the joint of an object halfway. None if people seldom ask for it."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -136,7 +137,7 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Return rigid classes that people ask to have ``"lifted"`` or ``"handed over"``, the likeliest first."""
+    """Return the rigid classes that people ask to have ``"lifted"`` or ``"handed over"``, the most likely first."""
     return tuple(_table()["handled"].get(how, ()))
 
 
@@ -146,7 +147,7 @@ def belongs(asset_class: str) -> tuple[str, ...]:
 
 
 def noun(asset_class: str) -> str:
-    """Return the noun for an object of a class; without a stored noun, derive it from the name."""
+    """Return the noun for an object of a class. If no noun is stored, derive it from the name of the class."""
     table = _table()
     if asset_class in table["articulated"]:
         return str(table["articulated"][asset_class]["noun"])
@@ -181,9 +182,13 @@ def _taken_apart(asset_class: str) -> tuple[str, str | None]:
 
 
 def in_ascii(phrase: str) -> str:
-    """Convert a phrase to ASCII words for names; otherwise ``object`` with a number computed from the phrase."""
+    """Convert a phrase to ASCII words for names.
+
+    If this is impossible, return ``object`` and a number computed from the phrase.
+    """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # Without accents, but also without letters that have no ASCII form; used only if none was removed.
+    # The words have lost their accents, but also the letters without an ASCII form. They are used only if no letter was
+    # lost.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

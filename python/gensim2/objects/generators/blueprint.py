@@ -1,7 +1,7 @@
 """Blueprint of an instance of a generated class, in the object's model frame.
 
-As in PartNet-Mobility, the origin is near the body's middle; for a viewer in front x points right, y up and z towards
-the viewer. Geometry is at joint value zero.
+As in PartNet-Mobility, the origin is near the middle of the body. For a viewer in front of the object, x points right,
+y up and z towards the viewer. The geometry is given at joint value zero.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ class Blueprint:
         joint_origin: (3,) a point on the joint axis, metres.
         joint_axis: (3,) direction of the joint axis; positive values open the joint.
         limits: joint value (rad or m) at openness 0, and joint value at openness 1.
-        keypoints: position (m) and description by name; with ``base`` fixed to the body, else to the moving link.
+        keypoints: position (m) and description by name. Keypoints with ``base`` in their names are fixed to the body,
+            others to the moving link.
     """
 
     body: list[Solid]
@@ -39,7 +40,7 @@ class Blueprint:
 
     @property
     def object_axis(self) -> Literal["x", "y", "z"]:
-        """Axis of the model frame closest to the joint axis, about which the hand turns in "rotate" motions."""
+        """Axis of the model frame that is closest to the joint axis. The hand turns about it in "rotate" motions."""
         axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
         return axes[int(np.argmax(np.abs(self.joint_axis)))]
 
@@ -53,7 +54,8 @@ class ObjectClass:
         count: number of built-in (listed) instances.
         joint_type: joint type of the class's objects.
         build: function that returns the blueprint of a random instance.
-        others: builders of other designs, used equally often by further instances; built-in ones use ``build`` only.
+        others: builders of other designs. Instances beyond the built-in ones use all builders equally often; built-in
+            ones use only ``build``.
     """
 
     name: str

@@ -17,7 +17,7 @@ from gensim2.objects.types import Keypoint
 
 LICENSE = "Apache-2.0"
 
-# Pose of the model frame (y up, z front) in the root frame (z up, front -x), as in PartNet-Mobility.
+# Pose of the model frame (y up, z to the front) in the root frame (z up, -x to the front), as in PartNet-Mobility.
 T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 

@@ -1,1 +1,4 @@
-"""Provide object libraries: GenSim2's released layout, a cache of prepared objects, export and import."""
+"""Provide object libraries.
+
+The package reads GenSim2's released layout, caches prepared objects, and exports and imports objects.
+"""

@@ -37,7 +37,7 @@ class ArticulatedShelf(Shelf):
 
 
 class GeneratedShelf(ArticulatedShelf):
-    """Generated objects: every number up to 10^6 is an id; ``instances`` lists only the built-in objects."""
+    """Generated objects. Every number up to 10^6 is an id, but ``instances`` lists only the built-in objects."""
 
     source: Source = "generated"
     license = GENERATED_LICENSE
@@ -60,7 +60,7 @@ class GeneratedShelf(ArticulatedShelf):
     def new(self, asset_class: str) -> tuple[str, ...]:
         """Return the ids of new instances, which can be generated but are not among the built-in instances.
 
-        Ids follow the last built-in instance; every class has the same number of new instances.
+        The new ids follow the last built-in instance. Every class has the same number of new instances.
         """
         first = len(self.instances(asset_class))
         return tuple(str(number) for number in range(first, first + NEW))

@@ -1,4 +1,4 @@
-"""Cache prepared objects on disk for all processes of a user; no process sees an incomplete object."""
+"""Cache prepared objects on disk for all processes of a user. No process sees an incomplete object."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ DAMAGE = (
 )
 
 
-# Modules that affect every prepared object; keys also have digests of the object's own readers.
+# Modules that affect every prepared object. Keys also contain digests of the reader of the object.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
     "gensim2.core.foreign.tree",
@@ -65,7 +65,10 @@ _Model = TypeVar("_Model", ArticulatedObject, RigidObject)
 
 
 def file_name(word: str) -> str:
-    """Convert a word for file names: 40 characters at most, ``_`` for all but ``A-Za-z0-9_.-``."""
+    """Convert a word for file names.
+
+    The result has 40 characters at most, and ``_`` for all characters except ``A-Za-z0-9_.-``.
+    """
     return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
@@ -83,7 +86,9 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Return a decomposition's hulls (N, 3) and statistics from the cache, or from ``make`` if damaged.
+    """Return the hulls (N, 3) and statistics of a decomposition.
+
+    They come from the cache, or from ``make`` if they are missing or damaged.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -105,7 +110,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Return the hulls and statistics that ``cached_hulls`` stored; None if the file is missing or damaged."""
+    """Return the hulls and statistics that ``cached_hulls`` stored. None if the file is missing or damaged."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:
@@ -130,7 +135,7 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
 
 
 def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> ArticulatedObject:
-    """Return the cached object of ``key``; ``make(folder)`` creates a missing or damaged one.
+    """Return the cached object of ``key``. If it is missing or damaged, ``make(folder)`` creates it.
 
     Raises:
         InputError: the cache folder cannot be written to.
@@ -145,10 +150,10 @@ def prepared(key: str, make: Callable[[Path], ArticulatedObject]) -> Articulated
 
 
 def folder_once(key: str, make: Callable[[Path], None]) -> Path:
-    """Return an object's cache folder; ``make(folder)`` fills a missing or damaged one.
+    """Return the cache folder of an object. If it is missing or damaged, ``make(folder)`` fills it.
 
-    ``make`` fills a temporary folder, which is renamed when complete, so two processes can create one object at the
-    same time. ``MANIFEST`` has the digests of all files; a folder with a wrong digest is discarded.
+    ``make`` fills a temporary folder, which is renamed when it is complete. Therefore two processes can create the same
+    object at the same time. ``MANIFEST`` has the digests of all files. A folder with a wrong digest is discarded.
 
     Raises:
         InputError: the cache folder cannot be written to.

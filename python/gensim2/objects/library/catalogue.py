@@ -1,4 +1,4 @@
-"""Define object libraries: articulated classes with several instances, rigid classes with a single one."""
+"""Define object libraries. An articulated class has several instances, and a rigid class has a single instance."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def release_split(asset_class: str, name: str, listed: Sequence[str]) -> tuple[s
         listed: ids of the class's instances in the library.
 
     Returns:
-        The ids of the split, or None without one of this name. If ``listed`` lacks one, the library is no complete
-        GenSim2 release, and all of ``listed`` are returned.
+        The ids of the split, or None if there is no split of this name. If ``listed`` lacks an id of the split, the
+        library is no complete GenSim2 release, and all of ``listed`` are returned.
     """
     split = _splits().get(asset_class, {}).get(name)
     if split is None:
@@ -74,7 +74,10 @@ class Library:
     """
 
     def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
-        """Build a library from ``shelves``, each class in only one of them; ``stand_in`` has missing classes."""
+        """Build a library from ``shelves``.
+
+        Each class is in only one of them, and ``stand_in`` has the missing classes.
+        """
         self.name, self.location = name, location
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
@@ -180,14 +183,15 @@ class Library:
             raise InputError(wrong, field="instance", remedy=shelf.remedy(asset_class, instance_id))
 
     def split(self, asset_class: str, which: Split, tenth: int = 0) -> tuple[str, ...]:
-        """Return the training (90 %) or test (10 %) ids of a class, divided with a fixed seed; with fewer than 10
-        instances all are for training.
+        """Return the training ids (90 %) or test ids (10 %) of a class.
+
+        A fixed seed determines the split. If the class has fewer than 10 instances, all are for training.
 
         Args:
             asset_class: name of the class.
             which: ``"train"``, ``"test"`` or ``"all"``.
-            tenth: part from 0 to 9 of the ten parts of the shuffled instances that is the test split. Sizes are rounded
-                up, so last parts may share instances with the first.
+            tenth: number from 0 to 9 of the tenth of the shuffled instances that is the test split. Sizes are rounded
+                up, so the last tenths may share instances with the first ones.
 
         Raises:
             InputError: the class is too small for a test split, or the split or tenth does not exist.
@@ -307,9 +311,9 @@ def open_library(where: Path | str | None = None) -> Library:
         ```
 
     Args:
-        where: ``"builtin"``, ``"ycb"`` (downloaded by ManiSkill), or a folder: the GenSim2 release, its
-            ``articulated_objs`` or ``rigidbody_objs/models``, or ManiSkill's layout. Generated objects replace missing
-            rigid ones. None: ``GENSIM2_ASSETS``, else the generated library.
+        where: ``"builtin"``, ``"ycb"`` (downloaded by ManiSkill), or a folder. A folder is the GenSim2 release, its
+            ``articulated_objs`` or ``rigidbody_objs/models``, or has ManiSkill's layout. Generated objects replace
+            rigid objects that it lacks. None: the folder in ``GENSIM2_ASSETS``, else the generated library.
 
     Returns:
         The library; objects are read on first use.
@@ -359,7 +363,10 @@ def _shelves(folder: Path) -> list[Shelf]:
 def load_all(
     library: Library, items: Sequence[tuple[str, str]], workers: int = 0
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
-    """Prepare objects (class, id) in worker processes; yield each object's error, or None if it can be used."""
+    """Prepare objects (class, id) in worker processes.
+
+    Yield the error of each object, or None if the object can be used.
+    """
     from gensim2.core.processes import WorkerPool, enumerated, in_order
 
     with WorkerPool(workers) as pool:

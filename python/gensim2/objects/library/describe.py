@@ -12,11 +12,11 @@ from gensim2.objects.types import ArticulatedObject, ObjectModel, RigidObject
 
 
 def describe(library: Library, model: ArticulatedObject | RigidObject) -> dict[str, Any]:
-    """Return an object's description as plain data, in metres, kg and rad (m for prismatic joints).
+    """Return the description of an object as plain data, in metres, kg and rad (metres for prismatic joints).
 
-    ``size`` (3,) is the closed object's bounding box in the root frame. ``split`` is ``"train"``, ``"test"``, or
-    ``"none"`` if unlisted. ``joint`` is None if rigid. Only articulated objects have ``object_axis``,
-    ``default_openness`` and ``urdf``; only rigid ones ``grip``, ``friction`` and ``folder``.
+    ``size`` (3,) is the bounding box of the closed object in the root frame. ``split`` is ``"train"``, ``"test"``, or
+    ``"none"`` for an object that is not listed. ``joint`` is None for a rigid object. Only articulated objects have
+    ``object_axis``, ``default_openness`` and ``urdf``. Only rigid objects have ``grip``, ``friction`` and ``folder``.
     """
     common = {
         "class": model.asset_class,

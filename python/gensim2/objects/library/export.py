@@ -1,8 +1,8 @@
 """Export an object as a folder in the layout of the GenSim2 release, so that other tools can load the object.
 
-``<class>/<id>`` has ``mobility.urdf``, ``info.json`` and ``textured_objs/``, in metres (``scale`` 1). Each collision
-element is one convex mesh (``"collision": "convex"``: readers do not decompose it). Masses, inertias and joint limits
-are always written.
+The folder ``<class>/<id>`` has ``mobility.urdf``, ``info.json`` and ``textured_objs/``, in metres (``scale`` 1). Each
+collision element is one convex mesh (``"collision": "convex"``: readers do not decompose it). Masses, inertias and
+joint limits are always written.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ def existing_folder(where: Path | str, field: str | None = None, remedy: str | N
         folder = Path(where).expanduser()
         if str(where) and folder.is_dir():
             return folder
-    # Raised for too long paths, NUL characters, and ``~`` with an unknown user.
+    # These errors are raised for paths that are too long, for NUL characters, and for ``~`` with an unknown user.
     except (OSError, RuntimeError, ValueError):
         folder = Path(shortened(str(where)))
     raise AssetError("no such folder", file=folder if str(where) else '""', field=field, remedy=remedy)

@@ -1,8 +1,8 @@
 """Convert a URDF, MJCF or USD file, or a PartNet-Mobility folder, to an object of a library.
 
-A library's object has one movable joint, real size and keypoints, which an imported model may lack. A PartNet-Mobility
-model has ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``, many joints, no keypoints, and a
-bounding box with a diagonal of 2 units.
+An object of a library has one movable joint, its real size and keypoints. An imported model may lack these. A
+PartNet-Mobility model has ``mobility.urdf``, ``textured_objs/``, ``semantics.txt`` and ``meta.json``, many joints, no
+keypoints, and a bounding box with a diagonal of 2 units.
 
 The import converts the joints by these rules:
 
@@ -13,7 +13,7 @@ The import converts the joints by these rules:
 - If the movable joint rests at its upper limit and opens downwards, it is reversed, so that openness 0 is the resting
   position.
 
-With scale ``auto`` the longest side is as long as in generated objects of the class, or 0.3 m without these.
+With scale ``auto``, the longest side is as long as in generated objects of the class, or 0.3 m if there are none.
 
 The import proposes two keypoints. The head keypoint is the point that the hand contacts, and the tail keypoint lies at
 the opposite end of the moving part:
@@ -26,7 +26,7 @@ the opposite end of the moving part:
   tail is the middle of the end that does not contain the head.
 - Head and tail are then moved to the nearest points of the surface.
 
-On the GenSim2 release, proposed heads lie 12 mm (median) from annotated ones, 85 % within 5 cm.
+On the GenSim2 release, the median distance of proposed heads from annotated ones is 12 mm, and 85 % are within 5 cm.
 
 Instead of these proposals, a new object can get the keypoints of another object of its class. Each keypoint is then
 placed at the same position relative to the bounding box of its link (:mod:`~gensim2.objects.library.transfer`).
@@ -140,11 +140,12 @@ def import_object(
         name: id of the object.
         joint: name of the joint that stays movable.
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
-        up: root-frame axis that points up; the front faces z if it is y, -x if it is z. USD files state it.
-        keypoints: positions (3,) by name, in the model's units, in the root frame if the name contains ``base``, else
-            in the moving link's. They replace automatic keypoints; ``articulated_object_`` may be omitted, as in
-            ``head``.
-        like: id of an object of the class in ``library`` whose keypoints the new object gets.
+        up: axis of the root frame that points up. The front of the object faces z if it is y, and -x if it is z. USD
+            files state the axis themselves.
+        keypoints: positions (3,) by name, in the model's units. They are in the root frame if the name contains
+            ``base``, else in the frame of the moving link. They replace automatic keypoints. The prefix
+            ``articulated_object_`` may be omitted, as in ``head``.
+        like: id of an object of the class in ``library``. The new object gets its keypoints.
         license: licence terms of the model.
         replace: replace an existing object, even if the user edited its files.
 
@@ -368,7 +369,7 @@ class _Source:
     def info(
         self, scale: float, given: Mapping[str, Array], shared: Mapping[str, RelativeKeypoint] | None = None
     ) -> dict[str, Any]:
-        """Return the fields of ``info.json``; missing keypoints come from ``shared`` or from the geometry."""
+        """Return the fields of ``info.json``. Missing keypoints come from ``shared`` or from the geometry."""
         T_object_link = np.asarray(np.linalg.inv(self._T_link_object), float)
         points, texts = self._proposed() if shared is None else self._transferred(shared, scale)
         written = {
@@ -481,7 +482,10 @@ def _near_axis(points: Array, axis: Array) -> Array:
 
 
 def usual_size(asset_class: str) -> float:
-    """Return the usual longest side (m): median of three closed generated objects, or ``OTHER_SIZE``."""
+    """Return the usual longest side (m) of a class.
+
+    It is the median over three closed generated objects, or ``OTHER_SIZE``.
+    """
     if asset_class not in object_classes():
         return OTHER_SIZE
     sides = []
@@ -494,7 +498,10 @@ def usual_size(asset_class: str) -> float:
 
 
 def _semantics(folder: ObjectFolder) -> dict[str, str]:
-    """Return part names by link from ``semantics.txt``, such as ``rotation_lid`` of ``link_0 hinge rotation_lid``."""
+    """Return the names of parts by link from ``semantics.txt``.
+
+    The line ``link_0 hinge rotation_lid`` gives ``rotation_lid`` for ``link_0``.
+    """
     try:
         text = folder.read("semantics.txt", MAX_OBJECT_JSON).decode(errors="replace")
     except MissingFileError:

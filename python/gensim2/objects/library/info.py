@@ -155,22 +155,25 @@ def _convex(value: Any, file: Path) -> bool:
 
 
 COLOURS = ("blue", "red", "yellow", "green")
-# Old files name keypoints by colours; the contact point is then the one nearest to the moving link, at most ``NEAR``
-# (m) from it.
+# Old files name keypoints by colours. The contact point then is the one that is nearest to the moving link, at most
+# ``NEAR`` (m) from it.
 NEAR = 0.03
 HEAD = "articulated_object_head"
 
 
 def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """Return the axis of the object frame (4, 4) closest to a joint axis (3,), both in the link's frame."""
+    """Return the axis of the object frame (4, 4) that is closest to a joint axis (3,). Both are in the link's frame."""
     names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
-    """Derive the contact point (3,) from the moving link's hulls, in its frame, with the axis through the origin.
+    """Derive the contact point (3,) from the hulls of the moving link.
 
-    It is the middle of the region farthest from a hinge, or of a prismatic link's front end as it opens.
+    It is in the link's frame, in which the joint axis passes through the origin.
+
+    The contact point is the middle of the region that is farthest from a hinge, or of the front end of a prismatic link
+    as it opens.
     """
     points = np.concatenate(list(hulls))
     along = points @ axis
@@ -189,12 +192,15 @@ def read_keypoints(
     hulls: Sequence[Array],
     warnings: list[str],
 ) -> dict[str, Keypoint]:
-    """Return the keypoints of ``info.json`` in metres, fixed to the root if named ``base``, else to ``link``.
+    """Return the keypoints of ``info.json`` in metres.
+
+    They are fixed to the root if their names contain ``base``, else to ``link``.
 
     Args:
         info: content of ``info.json``.
         scale: length in metres of one unit of the keypoints' coordinates.
-        T_link_object: (4, 4) pose of the object frame, in which keypoints are given, in the moving link's.
+        T_link_object: (4, 4) pose of the object frame in the frame of the moving link. The keypoints are given in the
+            object frame.
         link: name of the moving link.
         kind: joint type, ``"revolute"`` or ``"prismatic"``.
         axis: (3,) unit joint axis in the moving link's frame.

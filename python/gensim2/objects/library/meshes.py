@@ -25,7 +25,7 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 class ObjFile(NamedTuple):
     """Content of an OBJ file.
 
-    ``meshes`` has a mesh for each material, ``materials`` each referenced file and whether it exists.
+    ``meshes`` has a mesh for each material. ``materials`` has each referenced file and whether it exists.
     """
 
     meshes: list[Mesh]
@@ -108,7 +108,8 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
     """Write meshes as an OBJ file and an MTL file in the same folder, with one material for each appearance.
 
-    MTL has no roughness, so it is stored in the specular colour, from which :func:`read_materials` gets it.
+    An MTL file cannot contain roughness. It is stored in the specular colour, from which :func:`read_materials` gets
+    it.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
@@ -152,7 +153,7 @@ class MeshReader:
         ``T`` (4, 4) is the unscaled pose of the element's link in the frame of the result.
 
         Raises:
-            AssetError: no regular ``.obj`` file inside the folder, or too many triangles in the object.
+            AssetError: there is no regular ``.obj`` file inside the folder, or the object has too many triangles.
         """
         place, shape = T @ element.T, element.shape
         if isinstance(shape, Primitive):
@@ -195,7 +196,7 @@ class MeshReader:
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """Return up to three warnings: missing meshes, unreadable meshes and missing material files."""
+        """Return up to three warnings, about missing meshes, unreadable meshes and missing material files."""
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]

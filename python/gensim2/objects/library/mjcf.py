@@ -1,7 +1,8 @@
 """Convert an MJCF file to a URDF file with meshes, which :mod:`gensim2.objects.library.importer` reads.
 
-This module reads the MJCF file, its includes and meshes with the limits for untrusted objects. MuJoCo's parser then
-resolves defaults, angles, frames and inertias from a text with the ``ELEMENTS`` only; it opens no file. The rules:
+This module reads the MJCF file, its includes and its meshes with the limits for untrusted objects. MuJoCo's parser then
+resolves defaults, angles, frames and inertias. It gets a text with only the ``ELEMENTS`` and opens no file. The rules
+are:
 
 - The object is the only body below the world that contains a hinge or a slide. Its pose in the world is ignored.
 - A geom becomes a collision element if it can touch other geoms, according to ``contype``, ``conaffinity`` or a contact
@@ -112,7 +113,10 @@ class _Converter:
         return folders[-1] if folders else None
 
     def _check(self, element: ET.Element, in_default: bool) -> None:
-        """Remove lights, cameras and other irrelevant elements; refuse unsupported ones such as ``replicate``."""
+        """Remove lights, cameras and other irrelevant elements.
+
+        Refuse elements without support, such as ``replicate``.
+        """
         in_default = in_default or element.tag == "default"
         element.attrib.pop("texture", None)
         for name, value in element.items():
@@ -131,7 +135,10 @@ class _Converter:
                 self._check(child, in_default)
 
     def _mesh(self, name: str) -> tuple[Array, Array]:
-        """Read a mesh in the folder; return flat arrays of its vertices' coordinates and its triangles' indices."""
+        """Read a mesh in the folder.
+
+        Return flat arrays of the coordinates of its vertices and of the indices of its triangles.
+        """
         self._tree.read(name, MAX_OBJECT)  # ``read`` raises an error for a file outside the folder
         with opened_mesh(self._tree.inside(name)) as scene:
             mesh = scene.to_geometry()
@@ -217,7 +224,10 @@ class _Converter:
         return self._urdf.link(child)
 
     def _fill(self, link: ET.Element, body: int, at: Array) -> None:
-        """Add a body's mass, inertia and shapes to a link; ``at`` (3,): link's origin in the body's frame."""
+        """Add the mass, inertia and shapes of a body to a link.
+
+        ``at`` (3,) is the origin of the link in the frame of the body.
+        """
         model = self._model
         if model.body_mass[body] > 0:
             T = _pose(model.body_ipos[body] - at, model.body_iquat[body])

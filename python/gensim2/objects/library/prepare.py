@@ -29,7 +29,7 @@ EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """Convert a rotation (3, 3) to URDF's roll, pitch and yaw (3,); yaw is 0 in gimbal lock."""
+    """Convert a rotation (3, 3) to roll, pitch and yaw (3,) as in URDF. Yaw is 0 in gimbal lock."""
     return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
@@ -39,7 +39,9 @@ def numbers(values: Array) -> str:
 
 
 def box_of(hull: Array) -> tuple[Array, Array] | None:
-    """Return pose (4, 4) and size (3,) of the box whose corners are the vertices (N, 3), else None.
+    """Return the pose (4, 4) and size (3,) of the box whose corners are the vertices (N, 3).
+
+    None if they are not a box.
 
     Physics engines test boxes faster than meshes, and boxes need no preprocessing.
     """
@@ -118,7 +120,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 
 def write_visual(path: Path, meshes: list[Mesh]) -> None:
-    """Write a link's meshes as one GLB file, with one primitive and its material for each appearance."""
+    """Write the meshes of a link as one GLB file. Each appearance has one primitive with its material."""
     by_look: dict[Look, list[Mesh]] = {}
     for mesh in meshes:
         by_look.setdefault(mesh.look, []).append(mesh)

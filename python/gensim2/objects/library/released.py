@@ -1,6 +1,6 @@
 """Read the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
 
-Rules of the reader; the instance's warnings mention repairs of irregular files:
+The reader follows these rules. The warnings of the instance mention repairs of irregular files.
 
 - Links that are connected by fixed joints are merged. Two links remain: the body (root frame) and the moving link.
 - A missing or unreadable mesh file is left out. A missing material file is replaced by a default material. The warnings
@@ -51,7 +51,7 @@ from gensim2.objects.types import AssetError, Hulls
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
-# Maximum coordinate (m) or joint value (m, rad); larger ones are mistakes and would exhaust the memory.
+# Maximum coordinate (m) and joint value (m or rad). Larger values are mistakes and would exhaust the memory.
 FARTHEST = 10.0
 SOLID_CORNERS = 4  # a collision file with fewer vertices than this has no volume
 HULL_MODULES = (
@@ -89,7 +89,10 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
 
 
 def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
-    """Return the convex parts of body and moving link, from the cache if the meshes were decomposed before."""
+    """Return the convex parts of the body and of the moving link.
+
+    They come from the cache if the meshes were decomposed before.
+    """
     digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
     for meshes in solid.values():
         for mesh in meshes:
@@ -131,8 +134,8 @@ def _engines_drop(meshes: list[Mesh]) -> bool:
 def license_of(folder: ObjectFolder) -> str:
     """Return the licence terms of an object.
 
-    ``info.json`` states the terms; else those of PartNet-Mobility apply to a released class with ``meta.json``. A
-    faulty ``info.json`` raises no error here, because loading the object reports it.
+    ``info.json`` states the terms. If it does not, the terms of PartNet-Mobility apply to a released class with
+    ``meta.json``. A faulty ``info.json`` raises no error here, because loading the object reports it.
     """
     try:
         stated = read_info(folder).license
@@ -161,7 +164,7 @@ def read_model(
         path: ``<class>/<id>``.
         content_hash: hex digest of the instance's files.
         expected_type: usual joint type of the class; a different type causes a warning.
-        rule: method for collision parts; mass, placement and keypoints always use the default one.
+        rule: method for collision parts. Mass, placement and keypoints always use the default method.
 
     Raises:
         AssetError: the instance cannot be used; the message names the file and the field.
@@ -229,9 +232,10 @@ def read_model(
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Scaled visual (``seen``) and collision meshes (``solid``) of the body and the moving link.
+    """Scaled visual meshes (``seen``) and collision meshes (``solid``) of the body and the moving link.
 
-    ``T_object`` (4, 4): unscaled pose of the moving link's first collision element; ``unread``: warnings about files.
+    ``T_object`` (4, 4) is the unscaled pose of the first collision element of the moving link. ``unread`` has warnings
+    about files.
     """
 
     seen: dict[str, list[Mesh]]

@@ -114,8 +114,8 @@ class FolderRigidShelf(RigidShelf):
             point: (info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
             for point, at in info.keypoints.items()
         }
-        # The real mass needs the relative size; if the scale is outside ``NATURAL``, the file's unit is not the metre
-        # and this is unknown.
+        # The real mass needs the real size. If the scale is outside ``NATURAL``, the unit of the file is not the metre,
+        # so the real size is unknown.
         mass = known_mass(asset_class, info.scale) if NATURAL[0] <= info.scale <= NATURAL[1] else None
         terms = info.license or _usual_license(asset_class)
         return load_from_meshes(

@@ -41,9 +41,9 @@ from gensim2.objects.types import (
 FILE = "rigid.json"
 #: An object that tips over at a smaller tilt than this (rad) is laid on its side instead of standing upright.
 STEADY = np.radians(10)
-#: An object counts as upright up to this tilt (rad), because a scanned base is uneven.
+#: Maximum tilt (rad) of an object that counts as upright. The base of a scanned object is uneven.
 LEAN = np.radians(5)
-#: Height (m) above the lowest vertex up to which vertices belong to the (uneven) foot.
+#: Maximum height (m) above the lowest vertex of vertices that belong to the uneven foot.
 FOOT = 2e-3
 #: Parts thinner than this (m) are too thin to grasp.
 THINNEST_GRIP = 1.5e-3
@@ -56,7 +56,8 @@ FINGER = 0.018
 def steadiness(points: Array, center: Array) -> float:
     """Return the smallest tilt in rad that makes a body tip over. The body stands on its lowest vertices.
 
-    ``points`` (N, 3) are vertices, ``center`` (3,) the centre of mass; negative if the body falls over untilted.
+    ``points`` (N, 3) are vertices, and ``center`` (3,) is the centre of mass. The angle is negative if the body falls
+    over without a tilt.
     """
     low = float(points[:, 2].min())
     foot = points[points[:, 2] < low + FOOT][:, :2]
@@ -69,7 +70,7 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose at rest on the table: upright if stable, else the most probable stable pose."""
+    """Return the pose at rest on the table. It is upright if this is stable, else the most probable stable pose."""
     points = np.concatenate(list(hulls))
     poses = [_least_turn(-side) for side in resting_sides(points, mass.center)]
     R = max(poses, key=lambda pose: float(pose[2, 2]))
@@ -83,9 +84,9 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 def resting_sides(points: Array, center: Array) -> Array:
     """Return the sides on which a body can rest, as outward normals (K, 3), the most probable side first.
 
-    The body, the hull of ``points`` (N, 3) with centre of mass ``center`` (3,), is dropped in a random orientation. It
-    lands on a triangle with a probability proportional to its solid angle from the centre, then topples until the
-    centre is above its triangle.
+    The body is the hull of ``points`` (N, 3) with the centre of mass ``center`` (3,). It is dropped in a random
+    orientation and lands on a triangle with a probability proportional to its solid angle from the centre. Then it
+    topples until the centre is above its triangle.
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)
@@ -123,7 +124,7 @@ def _share(*corners: Array) -> float:
 
 
 def _least_turn(down: Array) -> Array:
-    """Return the smallest rotation (3, 3) from the object's vector ``down`` (3,) to the world's +z."""
+    """Return the smallest rotation (3, 3) that turns the object's vector ``down`` (3,) to the +z axis of the world."""
     axis = np.cross(down, [0, 0, 1])
     angle = float(np.arccos(np.clip(down[2], -1, 1)))
     if np.linalg.norm(axis) < 1e-9:
@@ -136,8 +137,9 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
     The search compares grasps in all directions, at all heights and on all parts of the object.
 
-    The best grasp is narrow and close to the centre of mass, above all vertically, because round objects slip out of
-    higher grasps. Its width is the extent between the fingers in a slab of the thickness ``FINGER``.
+    The best grasp is narrow and close to the centre of mass. Closeness in height matters most, because round objects
+    slip out of higher grasps. The width of a grasp is the extent between the fingers in a slab of the thickness
+    ``FINGER``.
     """
     R = resting.rotation
     placed = [hull @ R.T + resting.position for hull in hulls]
@@ -164,7 +166,7 @@ def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip
 
 
 def _slice(hull: Array, height: float) -> Array | None:
-    """Return the outline (N, 2) of a hull in a horizontal slab of half a finger's thickness around ``height``."""
+    """Return the outline (N, 2) of a hull in a horizontal slab at ``height``, which is half a finger thick."""
     near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
     above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
     if not (len(above) and len(below)):
@@ -199,8 +201,8 @@ class RigidModel:
     Attributes:
         hulls: convex parts. Each is an array (N, 3) of points in metres in the object frame.
         meshes: visual meshes in the object frame.
-        keypoints: position (3,), m in the object frame, and description by name.
-        mass: mass in kg; None: ``density`` (kg/m³) times the hulls' volume. Inertia comes from the hulls.
+        keypoints: position (3,), metres in the object frame, and description by name.
+        mass: mass in kg. None: ``density`` (kg/m³) times the volume of the hulls. The inertia comes from the hulls.
     """
 
     asset_class: str
@@ -280,7 +282,7 @@ def load_from_meshes(
 ) -> RigidObject:
     """Prepare a real rigid object from its meshes.
 
-    Each connected collision piece becomes its hull, or several hulls if it has cavities.
+    Each connected collision piece becomes one hull, or several hulls if it has cavities.
 
     Args:
         collision: OBJ or PLY file in the folder.
@@ -347,7 +349,10 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 
 def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
-    """Return each connected piece's hull, or hulls if it has cavities, and statistics; most pieces are convex."""
+    """Return the hull of each connected piece, or its hulls if it has cavities, and statistics.
+
+    Most pieces are convex.
+    """
     if rule == "original":
         whole, flat = piece_hulls(pieces)
         return whole, {"dropped": flat}

@@ -24,10 +24,11 @@ def select(
     """Return the selected (class, id) pairs without repetition, in the order of the selections.
 
     Args:
-        words: ``CLASS`` or ``CLASS/WHICH``, with an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
-        every: whether to add all objects of the library's own classes; default without ``words`` and ``drawn``.
-        drawn: number of random objects to add from each class in ``words``, or from every class: new objects of a
-            generated class, any of a folder.
+        words: ``CLASS`` or ``CLASS/WHICH``. ``WHICH`` is an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
+        every: whether to add all objects of the library's own classes. Default: only if neither ``words`` nor ``drawn``
+            is given.
+        drawn: number of random objects to add from each class in ``words``, or from every class. They are new objects
+            of a generated class, and any objects of a folder.
         seed: seed of ``random`` and ``drawn``.
         kind: kind of the selected objects; None: both kinds.
 
@@ -54,7 +55,7 @@ def select(
 
 
 def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
-    """Return class and id of the first object of ``word``: ``"drawer"``, ``"drawer/3"`` or ``"drawer/test"``.
+    """Return class and id of the first object of ``word``, such as ``"drawer"``, ``"drawer/3"`` or ``"drawer/test"``.
 
     Raises:
         InputError: as for :func:`select`.
@@ -67,8 +68,8 @@ def words_of_objects(
 ) -> dict[str, Sequence[str]]:
     """Return the values of the option ``--instances`` that apply to each object of a task, by the object's name.
 
-    Sets only (``all``, ``train``, ``test``, ``new``) apply to every object. If any value is an id, all values apply
-    only to the object of :func:`object_of_ids`, and the others get ``all``.
+    If all values are sets (``all``, ``train``, ``test``, ``new``), they apply to every object. If any value is an id,
+    all values apply only to the object of :func:`object_of_ids`, and the other objects get ``all``.
 
     Args:
         instances: function that lists the ids of a class.
@@ -82,7 +83,10 @@ def words_of_objects(
 
 
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
-    """Return the object that ``--instances`` selects: the first whose class has several instances, else the first."""
+    """Return the object that ids in ``--instances`` select.
+
+    It is the first object whose class has several instances, else the first object.
+    """
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
@@ -116,7 +120,7 @@ def taken_instances(
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Return each library with its names in ``classes``; None: with all its own classes.
+    """Return each library with its names in ``classes``. None stands for all classes that the library itself has.
 
     Raises:
         InputError: no library has a class of this name.

@@ -27,7 +27,8 @@ class RelativeKeypoint:
     The edges of the box are parallel to the axes of the object's root frame, and the joint is at its lower limit.
 
     Attributes:
-        fraction: (3,) nearest point of the box, 0 to 1 from lower to upper end of each edge.
+        fraction: (3,) nearest point of the box, as numbers from 0 to 1 between the lower and the upper end of each
+            edge.
         beyond: (3,) vector from this point to the keypoint, m; zero for a keypoint in the box.
         is_moving: whether the joint moves the keypoint.
         is_on_surface: whether the keypoint lies on the surface of its link.

@@ -1,4 +1,6 @@
-"""Read objects' URDF files with ``gensim2_kpam.read_urdf``, and robots' links, in the file's unit of length.
+"""Read the URDF files of objects and the links of robots with ``gensim2_kpam.read_urdf``.
+
+Lengths are in the unit of the file.
 
 A file is refused if its links do not form a tree or if its numbers are implausible.
 """
@@ -40,8 +42,8 @@ class Primitive:
 
     Attributes:
         kind: ``box``, ``cylinder``, ``capsule`` or ``sphere``.
-        size: dimensions: a box's sides; a cylinder's radius and length along z; a capsule's radius and distance of cap
-            centres; a sphere's radius.
+        size: dimensions: sides of a box; radius and length along z of a cylinder; radius of a capsule and distance of
+            the centres of its caps; radius of a sphere.
     """
 
     kind: str
@@ -83,8 +85,10 @@ class ShapeElement:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint of an unscaled URDF file: ``T`` (4, 4), its frame in the parent link's; ``axis`` (3,) as stated, possibly
-    zero; ``limits`` in rad or the file's unit of length.
+    """Joint of an unscaled URDF file.
+
+    ``T`` (4, 4) is its frame in the frame of the parent link. ``axis`` (3,) is the axis that the file states, which may
+    be zero. ``limits`` are in rad or in the unit of length of the file.
     """
 
     name: str
@@ -117,7 +121,8 @@ def read_urdf(folder: ObjectFolder) -> Urdf:
     """Read the URDF of an object.
 
     Raises:
-        AssetError: unreadable, not XML, too large, invalid names, no tree, looping mimics, implausible numbers.
+        AssetError: the file is unreadable, not XML or too large, or has invalid names, implausible numbers, mimic
+            joints in a loop, or links that form no tree.
     """
     return parse_urdf(folder.read(URDF, MAX_URDF), folder.path / URDF)
 
@@ -215,7 +220,7 @@ def _pose(origin: Mapping[str, Any], file: Path, field: str) -> Array:
 
 
 def shape_elements(urdf: Urdf, link: str, kind: str) -> list[ShapeElement]:
-    """Return a link's visual or collision elements: meshes, boxes, cylinders, capsules and spheres.
+    """Return the visual or collision elements of a link: meshes, boxes, cylinders, capsules and spheres.
 
     Args:
         urdf: the parsed file.
@@ -283,7 +288,8 @@ def movable_joint(urdf: Urdf) -> UrdfJoint:
     """Return the only movable joint.
 
     Raises:
-        AssetError: not exactly one movable joint, neither revolute nor prismatic, or it mimics another joint.
+        AssetError: there is not exactly one movable joint, it is neither revolute nor prismatic, or it mimics another
+            joint.
     """
     movable = [joint for joint in urdf.joints if joint.type != "fixed"]
     if len(movable) != 1:

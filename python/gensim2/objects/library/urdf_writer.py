@@ -34,7 +34,8 @@ class UrdfWriter:
         """Return a name that is valid in a URDF and that no other element of this URDF has.
 
         Args:
-            written: element's name in the source file; of a path such as ``"/World/door"`` only the last part counts.
+            written: name of the element in the source file. Only the last part of a path such as ``"/World/door"``
+                counts.
             kind: kind of the element, such as ``"link"``. It serves as the name if ``written`` has no valid character.
         """
         plain = re.sub(r"[^\w.-]", "_", written.rpartition("/")[2])[: LONGEST_LINK_NAME - 8].strip(".") or kind
@@ -100,7 +101,7 @@ class UrdfWriter:
         Args:
             T: (4, 4) pose in the link's frame.
             shape: ``box``, ``sphere``, ``cylinder`` or ``capsule``.
-            size: dimensions, m: a box's sides, a sphere's radius, or a cylinder's or capsule's radius and length.
+            size: dimensions, m: sides of a box, radius of a sphere, or radius and length of a cylinder or capsule.
             rgba: (4,) colour of a visual element, 0 to 1.
         """
         names = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}

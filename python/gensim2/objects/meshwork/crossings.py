@@ -35,7 +35,8 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
         along: (3,) unit direction of all lines.
 
     Returns:
-        Two arrays (N, H): signed distance (m) to the line's entry into each hull and exit; inf and -inf for a miss.
+        Two arrays (N, H): the signed distance (m) to the point where the line enters each hull, and to the point where
+        it leaves the hull. They are inf and -inf if the line misses the hull.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):

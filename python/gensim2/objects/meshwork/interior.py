@@ -1,11 +1,11 @@
 """Find the free space in a container from its hulls. Criteria use it to decide whether an object is inside.
 
-A container's last keypoint, the measured point, lies in the space, or above it if objects are dropped in. It belongs to
-the link that contains objects: a drawer's moving link, but a box's or refrigerator's body.
+The last keypoint of a container is the measured point. It lies in the space, or above it if objects are dropped in. It
+belongs to the link that contains objects: the moving link of a drawer, but the body of a box or a refrigerator.
 
-A grid covers this link's hulls. A cell is free if it overlaps no hull and has a floor below and walls on at least three
-sides, because a refrigerator is open in front. The result is a box along the link's axes, of the connected free cells
-nearest to the measured point, up to the walls.
+A grid covers the hulls of this link. A cell is free if it overlaps no hull and has a floor below and walls on at least
+three sides. Three are enough, because a refrigerator is open in front. The result is a box along the axes of the link.
+It contains the connected free cells nearest to the measured point, up to the walls.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> Inn
     """Return the free space inside a link as a box. Return None if there is no free space near the measured point.
 
     Args:
-        hulls: vertices (N, 3) in the link frame, m; results are cached by the tuple object.
+        hulls: vertices (N, 3) in the link frame, m. Results are cached by the tuple object.
         measured_point: (3,) point in the link frame, m, that marks the free space: the last keypoint of the container.
         up: (3,) vertical direction in the link frame. It is rounded to the nearest axis of the frame.
     """
@@ -94,7 +94,7 @@ def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwa
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
-    """Return a mask of the cells within half a cell of a hull, so that thin walls are included."""
+    """Return a mask of the cells within half a cell of a hull. The margin ensures that thin walls are included."""
     solid = np.zeros(shape, bool)
     for hull in hulls:
         planes = np.unique(ConvexHull(hull, qhull_options="QJ").equations.round(9), axis=0)
@@ -125,7 +125,10 @@ def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> In
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:
-    """Return a mask of the cells with a solid cell at a lower (``forwards=False``: higher) index along the axis."""
+    """Return a mask of the cells behind a solid cell along the axis.
+
+    The solid cell has a lower index, or a higher one with ``forwards=False``.
+    """
     turned = solid if forwards else np.flip(solid, axis)
     found = np.maximum.accumulate(turned, axis)
     return found if forwards else np.flip(found, axis)
@@ -137,7 +140,7 @@ def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
-    """Return the first and last cells (3,) of the free cells' box, without outer layers with few free cells."""
+    """Return the first and last cells (3,) of the box of free cells. Outer layers with few free cells are left out."""
     cells = np.argwhere(room)
     first, last = cells.min(axis=0), cells.max(axis=0)
     while (last > first).all():

@@ -1,6 +1,6 @@
 """Functions and materials that several generated classes share.
 
-Some classes describe the closed moving part, which functions here rotate to joint value zero.
+Some classes describe the moving part when it is closed. Functions in this module rotate it to joint value zero.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from gensim2.objects.shapes import Look, Solid, Vec3, ball, box, loft, pose, rin
 Rng = np.random.Generator
 Keypoint = tuple[Vec3, str]
 
-# A metallic value of 1 is dark grey in renderers without an environment map, so metals have 1/3.
+# Renderers without an environment map show a metallic value of 1 as dark grey. Therefore metals have 1/3.
 CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
 STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
 BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
@@ -145,18 +145,18 @@ _SECTION = 2 * np.pi * np.arange(8) / 8
 
 
 def extra(rng: Rng) -> Rng:
-    """Return a generator for visual details, so that these do not change the shape of the object."""
+    """Return a generator for visual details. Because it is separate, details do not change the shape of the object."""
     return np.random.default_rng(rng.bit_generator.random_raw())
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:
-    """Return all parts of a blueprint, the moving parts at the revolute joint value ``q`` (rad)."""
+    """Return all parts of a blueprint with the moving parts at the revolute joint value ``q`` (rad)."""
     moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
     return [*blueprint.body, *moved]
 
 
 def bounds(parts: list[Solid]) -> tuple[Array, Array]:
-    """Return the corners (3,) of the collision parts' bounding box with the smallest and largest coordinates."""
+    """Return the lowest and the highest corner (3,) of the bounding box of the collision parts."""
     points = np.concatenate([part.hull for part in parts if part.hull is not None])
     return points.min(axis=0), points.max(axis=0)
 
@@ -174,7 +174,7 @@ def hinged(
 def sliding(
     body: list[Solid], moving: list[Solid], axis: Vec3, limits: tuple[float, float], **keypoints: Keypoint
 ) -> Blueprint:
-    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` as in ``hinged``."""
+    """Return the blueprint of an object whose moving parts slide along ``axis``; ``keypoints`` are as in ``hinged``."""
     return Blueprint(body, moving, "prismatic", (0, 0, 0), axis, limits, _named(keypoints))
 
 
@@ -189,7 +189,7 @@ def upright_lid(
 ) -> Blueprint:
     """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    ``lid``, ``head`` and ``tail`` describe the closed lid and are rotated to joint value zero.
+    ``lid``, ``head`` and ``tail`` describe the closed lid. They are rotated to joint value zero.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {
@@ -209,7 +209,7 @@ def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | Non
 
 
 def lifted(parts: list[Solid], head: Vec3, description: str, **keypoints: Keypoint) -> Blueprint:
-    """Return the blueprint of an object to lift at ``head``; all its parts move on one vertical joint."""
+    """Return the blueprint of an object that is lifted at ``head``. All its parts move along one vertical joint."""
     return sliding([], parts, (0, 1, 0), (0.0, 0.2), head=(head, description), **keypoints)
 
 

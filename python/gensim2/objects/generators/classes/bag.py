@@ -16,7 +16,10 @@ LEATHERS = c.PAINTS[1:]
 
 @dataclass(frozen=True)
 class Bag:
-    """Parts of a bag; ``hinge`` (3,): middle of the strap's axis, ``top`` (3,): highest point of the strap."""
+    """Parts of a bag.
+
+    ``hinge`` (3,) is the middle of the axis of the strap, and ``top`` (3,) the highest point of the strap.
+    """
 
     body: list[Solid]
     strap: list[Solid]

@@ -16,7 +16,7 @@ def _trim(
 ) -> tuple[list[Solid], list[Solid]]:
     """Generate random fittings for the body and the lid of a box, which are visible but have no collision shape.
 
-    A box has corner plates, straps, plank lines or no fittings, and with ``lock`` also a lock plate.
+    A box has corner plates, straps, plank lines or no fittings. With ``lock`` it also has a lock plate.
 
     Args:
         size: width, height, depth of the body, m.

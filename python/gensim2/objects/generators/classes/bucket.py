@@ -1,4 +1,7 @@
-"""Define buckets that are lifted, buckets that are pushed, and buckets whose wire handle swings."""
+"""Define three kinds of buckets.
+
+Some are lifted, some are pushed, and some have a wire handle that swings.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ from gensim2.objects.shapes import Solid, arc, ball, cone, path, rod, tube
 
 @dataclass(frozen=True)
 class Bucket:
-    """Parts of a bucket with the handle up; ``hinge`` (3,): middle of its axis, ``top`` (3,): its highest point."""
+    """Parts of a bucket with the handle up.
+
+    ``hinge`` (3,) is the middle of the axis of the handle, and ``top`` (3,) the highest point of the handle.
+    """
 
     body: list[Solid]
     handle: list[Solid]
@@ -86,7 +92,7 @@ def pail(rng: np.random.Generator) -> Bucket:
         y = bottom + full * height
         inner = radius(y) - 1.5 * wall
         body.append(cone((0, y - 0.006, 0), (0, y, 0), inner, inner, c.pick(rng, c.WOODS + c.PAINTS)))
-    # As the handle swings, neither wire nor grip may touch the bucket's rim or wall.
+    # Neither the wire nor the grip may touch the rim or the wall of the bucket when the handle swings.
     half = float(np.hypot(wide, deep)) + 0.012 + thick + (0.004 if grip else 0.0)
     hinge = np.array([0.0, top - deep, 0.0])
     for side in (-1, 1):

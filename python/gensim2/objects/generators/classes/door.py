@@ -51,7 +51,10 @@ def build(rng: np.random.Generator) -> Blueprint:
 
 
 def in_a_wall(rng: np.random.Generator) -> Blueprint:
-    """Generate a random door in a piece of wall, some with a lever, many larger than framed doors."""
+    """Generate a random door in a piece of wall.
+
+    Some of these doors have a lever, and many are larger than framed doors.
+    """
     width, height = c.between(rng, 0.11, 0.26), c.between(rng, 0.40, 0.56)
     sides = [c.between(rng, 0.03, 0.28) for _ in range(2)]
     above, deep = c.between(rng, 0.01, 0.22), c.between(rng, 0.02, 0.08)
@@ -68,7 +71,7 @@ def in_a_wall(rng: np.random.Generator) -> Blueprint:
         for s, side in zip((-1, 1), sides, strict=True)
     ]
     body.append(box((0, top + above / 2, 0), (width, above, deep), wall))
-    # The hinge is at the back of the leaf, which opens backwards, so the wall never blocks it.
+    # The hinge is at the back of the leaf. The leaf opens backwards, so the wall never blocks it.
     back = -deep / 2 + (inset if rng.random() < 0.5 else 0.0)
     z, span, tall = back + leaf / 2, width - 2 * GAP, height - 2 * GAP
     shape = [box((0, 0, z), (span, tall, leaf), look)]

@@ -14,14 +14,17 @@ WALL = 0.012  # m, thickness of a table's aprons, and of a sideboard's boards
 
 
 def knob(at: np.ndarray, end: np.ndarray, radius: float, look: Look) -> list[Solid]:
-    """Return a round knob with a stem, from its foot ``at`` to the knob's centre ``end``; ``radius`` in m."""
+    """Return a round knob with a stem.
+
+    The stem begins at ``at``, and the centre of the knob is ``end``; ``radius`` is in metres.
+    """
     return [rod(at, end, 0.5 * radius, look, 8), ball(end, (radius, radius, 0.7 * radius), look)]
 
 
 def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, middle: np.ndarray, stroke: float) -> Blueprint:
     """Return the blueprint of a drawer that slides to the front by ``stroke`` (m).
 
-    Objects go into the middle of the part that is out when the drawer is open, within the hand's reach.
+    Objects are put into the middle of the part that is out when the drawer is open. The hand can reach this part.
 
     Args:
         body: fixed parts.
@@ -41,7 +44,7 @@ def sliding(body: list[Solid], drawer: list[Solid], head: np.ndarray, middle: np
 
 
 def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tuple[list[Solid], np.ndarray]:
-    """Generate a small handle in front of ``at`` (bar, tab or knobs); return its parts and its grasp point."""
+    """Generate a small handle in front of ``at``: a bar, a tab or knobs. Return its parts and its grasp point."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(4))
     reach, radius = c.between(rng, 0.018, 0.032), c.between(rng, 0.009, 0.015)
@@ -61,7 +64,10 @@ def small_handle(rng: np.random.Generator, at: np.ndarray, width: float) -> tupl
 
 
 def sideboard(rng: np.random.Generator) -> Blueprint:
-    """Generate a sideboard: two or three bays under its top, some empty, above doors, drawers or a shelf."""
+    """Generate a sideboard.
+
+    Under its top are two or three bays, some of them empty. Below the bays are doors, drawers or a shelf.
+    """
     width, depth = c.between(rng, 0.34, 0.56), c.between(rng, 0.15, 0.24)
     top, over = c.between(rng, 0.010, 0.022), c.between(rng, 0.0, 0.035)
     rise, foot = c.between(rng, 0.26, 0.42), c.between(rng, 0.0, 0.07)
@@ -73,9 +79,9 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
     front_look = wood if rng.random() < 0.6 else c.pick(rng, c.WOODS + c.PAINTS)
     handles = int(rng.bit_generator.random_raw())
 
-    # Heights (y): ``floor`` of the carcass's lower face, ``under`` of the top board's.
+    # Heights (y): ``floor`` is the lower face of the carcass, and ``under`` is the lower face of the top board.
     floor, under = -rise / 2 + foot, rise / 2 - top
-    # Heights: ``y`` of the drawer bays' middle, ``shelf`` of the middle of the board below.
+    # Heights (y): ``y`` is the middle of the drawer bays, and ``shelf`` is the middle of the board below them.
     y, shelf = under - row / 2, under - row - WALL / 2
     body: list[Solid] = [box((0, rise / 2 - top / 2, 0), (width + 2 * over, top, depth + 2 * over), wood)]
     for side in (-1, 1):
@@ -115,7 +121,10 @@ def sideboard(rng: np.random.Generator) -> Blueprint:
 def _below(
     rng: np.random.Generator, width: float, low: float, high: float, depth: float, wood: Look, look: Look
 ) -> list[Solid]:
-    """Generate a random lower part from y = ``low`` to ``high``: doors, a stack of fixed drawers, or a shelf."""
+    """Generate a random lower part from y = ``low`` to ``high``.
+
+    It has doors, a stack of fixed drawers, or a shelf.
+    """
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())
     if kind == 0:

@@ -122,7 +122,7 @@ def mixer(rng: np.random.Generator) -> Blueprint:
 
 
 def sweeping(rng: np.random.Generator) -> Blueprint:
-    """Generate a faucet with a low column, a short sloping or bent lever, and a long, higher spout."""
+    """Generate a faucet with a low column, a short lever that slopes or is bent, and a long, higher spout."""
     height, radius = c.between(rng, 0.075, 0.15), c.between(rng, 0.019, 0.032)
     cap, lever = c.between(rng, 0.012, 0.035), c.between(rng, 0.065, 0.11)
     rise, crook = c.between(rng, 0.1, 0.6), c.between(rng, 0.02, 0.05)

@@ -101,7 +101,7 @@ def move(rng: np.random.Generator) -> Blueprint:
     whole = rotate(rng)
     low, high = c.bounds(whole.body)
     head = (0.0, 0.3 * low[1] + 0.7 * high[1], high[2])
-    # Of laptops to be pushed, 70 % are open, because people often push open ones aside.
+    # 70 % of the laptops that are pushed are open, because people often push open laptops aside.
     share = 0.9 if c.extra(rng).random() < 0.7 else 0.0
     screen = whole.limits[0] + share * (whole.limits[1] - whole.limits[0])
     return c.pushed(c.at(whole, screen), 0.25, "the middle of the laptop's near edge", head)

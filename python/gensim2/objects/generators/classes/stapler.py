@@ -1,4 +1,4 @@
-"""Define desk staplers: staplers that are pushed, and staplers whose arm is pressed down.
+"""Define desk staplers. Some are pushed, and the arms of others are pressed down.
 
 The front of a stapler faces +z.
 """
@@ -19,7 +19,7 @@ from gensim2.objects.shapes import Solid, box, convex, rod, rounded_box
 class Stapler:
     """Parts of a stapler whose arm is level.
 
-    Points (3,): ``hinge`` on the arm's axis, ``tip`` on the upper side at the arm's front end.
+    Points (3,) of a stapler. ``hinge`` is on the axis of the arm, and ``tip`` on the upper side of the arm's front end.
     """
 
     base: list[Solid]

@@ -1,4 +1,4 @@
-"""Define suitcases that lie flat: suitcases to push, and suitcases whose lid is opened and closed."""
+"""Define suitcases that lie flat. Some are pushed, and the lids of others are opened and closed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from gensim2.objects.shapes import Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase; midpoints (3,) of the lid's lower (``hinge``) and upper edge (``edge``)."""
+    """Parts of a closed suitcase.
+
+    The midpoints (3,) are those of the lower edge (``hinge``) and of the upper edge (``edge``) of the lid.
+    """
 
     shell: list[Solid]
     lid: list[Solid]
@@ -63,7 +66,8 @@ def draw(rng: np.random.Generator) -> Suitcase:
 def move(rng: np.random.Generator) -> Blueprint:
     case = draw(rng)
     pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
-    # The suitcase lies on its back, top towards the robot, so away from the robot is -y of the model.
+    # The suitcase lies on its back with its top towards the robot. The direction away from the robot is -y of the
+    # model.
     return replace(pushed, joint_axis=(0, -1, 0))
 
 

@@ -25,7 +25,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     for s in (-1, 1):
         screw = np.array([0, s * 0.42 * height, plate / 2])
         body.append(rod(screw, screw + np.array([0, 0, 0.0015]), 0.004, c.CHROME).visual_only())
-    # The pin is so far in front of the plate that the rocker's ends do not touch it.
+    # The pin is so far in front of the plate that the ends of the rocker do not touch the plate.
     clear = rocker_h / 2 * np.sin(tilt) + 0.004
     z = plate / 2 + clear
     thick = 0.010

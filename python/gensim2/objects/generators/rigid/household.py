@@ -59,7 +59,7 @@ def _soccer_ball() -> RigidBlueprint:
     parts = [sphere(radius, WHITE)]
     for corner in [c for x in corners for c in (x, np.roll(x, 1), np.roll(x, 2))]:
         n = np.asarray(corner, float) / np.linalg.norm(corner)
-        # A black patch is a flat pentagon, projected onto the ball and raised slightly.
+        # A black patch is a flat pentagon that is projected onto the ball and raised slightly.
         flat = ring((0, 0, 0), n, 0.34, 5)
         edges = np.concatenate([a + np.linspace(0, 1, 4)[:, None] * (b - a) for a, b in pairwise([*flat, flat[0]])])
         patch = np.concatenate([n + share * edges for share in (1.0, 0.75, 0.5, 0.25, 0.001)])
@@ -265,7 +265,7 @@ def _block(size: tuple[float, float, float], look: Look, bevel: float) -> RigidB
 
 
 def _gold_bar() -> RigidBlueprint:
-    # The sides are inclined by 10 degrees; cast gold bars have 5 to 15, to come out of the mould.
+    # The sides are inclined by 10 degrees. Cast gold bars have 5 to 15 degrees, so that they come out of the mould.
     top, bottom = (0.050, 0.019), (0.055, 0.024)
     corners = [(s * top[0], t * top[1], 0.014) for s in (-1, 1) for t in (-1, 1)]
     corners += [(s * bottom[0], t * bottom[1], -0.014) for s in (-1, 1) for t in (-1, 1)]

@@ -16,7 +16,7 @@ from gensim2.objects.shapes import Look, Mesh, Solid, Vec3, box, convex, pose, r
 class RigidBlueprint:
     """Geometry of a rigid object.
 
-    z points up, the origin is near the middle, lengths are in m and scaled later by the class's ``scale``.
+    z points up and the origin is near the middle. Lengths are in metres; the ``scale`` of the class is applied later.
 
     Attributes:
         parts: convex parts with their materials.
@@ -34,7 +34,8 @@ class RigidClass:
 
     Attributes:
         mass: mass of the real item, kg, as published with the YCB object set.
-        scale: factor on all lengths, so that a Panda can grasp the object; its cube multiplies the mass.
+        scale: factor on all lengths, so that a Panda can grasp the object. The mass is multiplied by the cube of the
+            factor.
         build: function that creates the geometry.
         friction: friction coefficient of the surface.
         description: phrase that describes the object.
@@ -69,7 +70,10 @@ LEAF = matte(0.13, 0.42, 0.12)
 
 
 def scaled(solid: Solid, factor: float | Vec3) -> Solid:
-    """Return the part scaled about the origin by a positive ``factor``: one number, or one for each axis."""
+    """Return the part scaled about the origin by a positive ``factor``.
+
+    The factor is one number, or one for each axis.
+    """
     f = np.broadcast_to(np.asarray(factor, float), (3,))
     hull = None if solid.hull is None else solid.hull * f
     mesh = None if solid.mesh is None else replace(solid.mesh, vertices=solid.mesh.vertices * f)
@@ -85,7 +89,7 @@ def turned(profile: Sequence[tuple[float, float]], look: Look, sides: int = 12, 
         profile: (radius, height) from the bottom up, metres.
         look: material.
         sides: number of sides of the collision hulls.
-        smooth: interpolated (monotone) points of the visual mesh between two profile points.
+        smooth: number of points of the visual mesh that are interpolated (monotone) between two points of the profile.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -123,7 +127,7 @@ def _circle(radius: float, height: float, sides: int) -> Array:
 def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, sides: int = 12) -> list[Solid]:
     """Return a round vessel that is open at the top.
 
-    The vessel has a floor and a wall of rings of flat segments (staves) between outline points.
+    The vessel has a floor. Its wall consists of rings of flat segments (staves) between points of the outline.
 
     Args:
         outline: (outer radius, height) from the foot to the rim, metres.
@@ -201,7 +205,7 @@ def can(radius: float, height: float, label: Look, lid: Look = STEEL) -> list[So
 
 
 def blade(points: Sequence[tuple[float, float]], thickness: float, look: Look, at: float = 0.0) -> Solid:
-    """Return a convex plate parallel to the xy plane with outline ``points``; ``at``: z of its middle plane."""
+    """Return a convex plate parallel to the xy plane with the outline ``points``. Its middle plane has z = ``at``."""
     flat = np.array([(x, y, at + s * thickness / 2) for x, y in points for s in (-1, 1)])
     return convex(flat, look)
 
@@ -218,7 +222,10 @@ def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
 
 
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
-    """Return a round bar of varying radius along a polyline: a hull for each segment, one smooth visual surface."""
+    """Return a round bar of varying radius along a polyline.
+
+    It has one hull for each segment and one smooth visual surface.
+    """
     from gensim2.objects.shapes import loft
 
     p = [np.asarray(q, float) for q in points]
