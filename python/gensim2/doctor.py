@@ -21,7 +21,7 @@ import numpy as np
 
 from gensim2.core.errors import GenSim2Error
 
-# A subprocess, because a driver may crash, and SAPIEN's settings cannot be undone.
+# The probe runs in a subprocess, because a driver may crash and SAPIEN's settings cannot be undone.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
@@ -154,7 +154,7 @@ def mujoco_renderer() -> Check:
 
 
 def ray_casting() -> Check:
-    """Check Embree (ray casting) and farthest point sampling, without which there are no point clouds."""
+    """Check ray casting (Embree) and farthest point sampling. There are no point clouds without them."""
     name, remedy = "Ray casting", "pip install --force-reinstall embreex fpsample"
     try:
         from gensim2.perception.cloud import farthest_points

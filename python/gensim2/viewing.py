@@ -39,7 +39,7 @@ class Shown:
         title: title of the page.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: a plan for each step, each from the predicted result before; or empty.
+        plans: a plan for each step, made from the predicted result of the steps before. It may be empty.
     """
 
     title: str
@@ -71,14 +71,15 @@ def view(
     """Serve a page that shows an episode in the browser, and return immediately.
 
     Args:
-        what: a task to plan and run (name or folder), a data set's folder, or one of its episode files.
+        what: a task to plan and run (name or folder), the folder of a data set, or one of its episode files.
         task: name of a task in the data set; None: the first task.
         episode: index of an episode in the data set; None: the first successful episode.
         seed: seed of the scene, if a task is run.
         spec: observation spec of the point cloud; None: the default of policies.
         host: address to listen on.
         port: port of the page; if the port is in use, the next free port is used.
-        scene: options for a task, see :class:`~gensim2.rollout.config.RolloutArguments`; of a data set only ``assets``.
+        scene: options for a task (:class:`~gensim2.rollout.config.RolloutArguments`). A data set has only the option
+            ``assets``.
 
     Returns:
         The ``viser.ViserServer``; its method ``stop()`` ends the page.
@@ -101,7 +102,9 @@ def _location(assets: object) -> Path | str | None:
 
 
 def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
-    """Plan and run a task in a seed's scene; without plans if the scene is estimated from images.
+    """Plan and run a task in the scene of a seed.
+
+    There are no plans if the scene is estimated from images.
 
     Raises:
         InputError: the task does not exist, or an argument is invalid.

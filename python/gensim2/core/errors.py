@@ -45,7 +45,10 @@ def brief(number: int) -> str:
 
 
 def near(word: object, words: Iterable[str]) -> str:
-    """Return a hint such as ``"did you mean drawer?"`` with the most similar words, or with the first words."""
+    """Return a hint such as ``"did you mean drawer?"``.
+
+    It names the most similar words, or the first words if none is similar.
+    """
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
     if matches:
@@ -98,8 +101,8 @@ def user_code(refused: Callable[[BaseException], InputError], *passed: type[Base
 
     Args:
         refused: function that turns the exception into the InputError to raise.
-        passed: exceptions that are not converted, besides KeyboardInterrupt, stop signals and MemoryError. SystemExit
-            is converted, because the user's code may call ``sys.exit``.
+        passed: exceptions that are not converted, in addition to KeyboardInterrupt, stop signals and MemoryError.
+            SystemExit is converted, because the user's code may call ``sys.exit``.
 
     Raises:
         InputError: the block raised an exception; ``refused`` creates this error.

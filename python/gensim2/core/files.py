@@ -37,7 +37,8 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
     Args:
         variable: name of the environment variable.
-        default: function that returns the folder without the variable; RuntimeError without a home folder.
+        default: function that returns the folder if the variable is not set. It raises RuntimeError if there is no home
+            folder.
 
     Raises:
         InputError: the variable is not set, and the account has no home folder.
@@ -54,12 +55,12 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; the file written there replaces ``path`` when the block ends.
 
-    ``path`` is always either the complete old or the complete new file, even after a power cut: data and renaming are
-    written to disk before the block ends. If the block fails, ``path`` is unchanged.
+    ``path`` is always either the complete old file or the complete new file, even after a power cut, because data and
+    renaming are written to disk before the block ends. If the block fails, ``path`` is not changed.
 
     The temporary path has the suffix of ``path``, because some libraries choose the file format by the suffix.
 
-    A symbolic link ``path`` is replaced itself, because it could lead out of an untrusted folder.
+    If ``path`` is a symbolic link, the link itself is replaced, because it could lead out of an untrusted folder.
 
     Raises:
         WriteError: the folder cannot be written to, or the disk is full.
@@ -91,8 +92,9 @@ def not_written(error: OSError, path: Path) -> WriteError:
 def new_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder next to ``path``. When the block ends, the temporary folder is renamed to ``path``.
 
-    ``path`` must not exist or be an empty folder. A failed block removes the temporary folder, and the next call
-    removes that of a killed process. A power cut may lose files, so use this only for data that can be made again.
+    ``path`` must not exist, or it must be an empty folder. If the block fails, its temporary folder is removed. The
+    next call removes the temporary folder of a killed process. A power cut may lose files, so use this only for data
+    that can be created again.
 
     Raises:
         InputError: ``path`` is not empty.
@@ -109,7 +111,7 @@ def new_folder(path: Path) -> Iterator[Path]:
             # If the parent path is a file, ``_locked`` below raises a better message.
             with contextlib.suppress(FileExistsError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-            # Unlocked temporary folders may be removed, so lock the parent until the new one is locked.
+            # Temporary folders without a lock may be removed. Therefore lock the parent until the new folder is locked.
             with _locked(path.parent) as alone:
                 if alone:
                     _remove_left(path)
@@ -137,7 +139,10 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
-    """Try to lock a folder itself (``how``: flags of ``fcntl.flock``) during a block; yield whether it was locked."""
+    """Try to lock a folder itself during a block, with the flags ``how`` of ``fcntl.flock``.
+
+    Yield whether it was locked.
+    """
     handle = _folder_handle(folder)
     try:
         yield _lock(handle, how)
@@ -159,7 +164,10 @@ def _lock(handle: int, how: int) -> bool:
 
 
 def _remove_left(path: Path) -> None:
-    """Remove temporary folders of ``path`` from killed processes; folders of running processes are locked and stay."""
+    """Remove temporary folders of ``path`` that killed processes left.
+
+    Folders of running processes are locked and stay.
+    """
     pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
     for left in path.parent.iterdir():
         if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
@@ -215,7 +223,7 @@ def write_changed(path: Path, text: str) -> None:
 def write_output(path: Path, data: str | bytes) -> None:
     """Write data to a path that the user chose.
 
-    A file (for a link, its target) is replaced atomically; a pipe or device is written directly.
+    A file is replaced atomically, also if ``path`` is a link to it. A pipe or device is written directly.
 
     Raises:
         InputError: the path cannot be written to, or the disk is full.
@@ -230,7 +238,7 @@ def write_output(path: Path, data: str | bytes) -> None:
 
 
 def _encoded(data: str | bytes) -> bytes:
-    """Encode text as UTF-8; invalid bytes of file names become escape sequences."""
+    """Encode text as UTF-8. Invalid bytes of file names become escape sequences."""
     return data.encode(errors="backslashreplace") if isinstance(data, str) else data
 
 

@@ -10,7 +10,9 @@ from typing import Any
 
 
 def lazy_names(package: str) -> Callable[[str], Any]:
-    """Return ``__getattr__`` for a package that imports the names of its ``if TYPE_CHECKING:`` block on first use.
+    """Return ``__getattr__`` for a package.
+
+    It imports a name of the package's ``if TYPE_CHECKING:`` block when the name is first used.
 
     Args:
         package: ``__name__`` of the package.
@@ -26,7 +28,7 @@ def lazy_names(package: str) -> Callable[[str], Any]:
 
 @cache
 def _imported(package: str) -> dict[str, str]:
-    """Return the names that a package imports below ``if TYPE_CHECKING:``, with the module of each."""
+    """Return the names that a package imports in its ``if TYPE_CHECKING:`` block, with the module of each name."""
     import ast  # imported here, because most programs do not need the parser
 
     loader: Any = sys.modules[package].__loader__

@@ -33,7 +33,8 @@ def now() -> str:
 class Progress:
     """Listener to which a long function reports its progress, in stages; this base class ignores everything.
 
-    Long functions take ``progress: Progress = NULL_PROGRESS``; workers report to the calling process.
+    Functions that take long have the argument ``progress: Progress = NULL_PROGRESS``. Workers report to the calling
+    process.
     """
 
     def start(self, description: str, total: int | None = None) -> None:

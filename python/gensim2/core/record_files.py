@@ -31,7 +31,7 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
     """Read the JSON file ``path`` as a ``model``.
 
     Raises:
-        InputError: the file is unreadable, not JSON, of another schema version, or has an invalid field.
+        InputError: the file is unreadable, not JSON or of another schema version, or it has an invalid field.
     """
     content = read_input(path, MAX_RECORD, remedy)
     return parse_record(content, TypeAdapter(model), path, remedy)
@@ -47,7 +47,7 @@ def parse_record(content: bytes, adapter: TypeAdapter[Value], path: Path, remedy
         InputError: as for :func:`read_record`.
     """
     try:
-        # ``json`` first: pydantic accepts NaN, and an untrusted file can make its parser very slow.
+        # Parse with ``json`` first. Pydantic accepts NaN, and an untrusted file can make its parser very slow.
         plain = json.loads(content.decode(), parse_constant=_refuse)
         return adapter.validate_json(json.dumps(plain, allow_nan=False), strict=True)
     except ValidationError as error:

@@ -31,7 +31,7 @@ class FolderLock:
     """Lock of a folder. The lock is released at the end of the ``with`` block, or when the process ends.
 
     Symbolic links must not lead out of the folder, because writes would follow them. The lock file with the process id
-    is never removed: otherwise two processes could each lock a file of this name.
+    is never removed. Otherwise two processes could each lock a file of this name.
 
     Args:
         folder: the folder; it is created if missing.
@@ -99,10 +99,10 @@ class FolderLock:
 
 
 class RunSettings(BaseModel):
-    """Base class of a resumable folder's record: the settings that determine a run's results.
+    """Base class for the record of a resumable folder. It has the settings that determine the results of a run.
 
     Attributes:
-        FREE: settings that may change when a run is resumed; nested ones as ``group.setting``.
+        FREE: settings that may change when a run is resumed. Nested settings are named ``group.setting``.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -164,7 +164,9 @@ Settings = TypeVar("Settings", bound=RunSettings)
 
 
 class ResumableFolder(Generic[Settings]):
-    """Folder of a run's results, locked while open, with a file that records the settings for resuming.
+    """Folder with the results of a run.
+
+    It is locked while it is open. A file in it records the settings, so that the run can be resumed.
 
     The class is a context manager; the end of the ``with`` block releases the lock.
 
@@ -175,14 +177,15 @@ class ResumableFolder(Generic[Settings]):
         holds: description of the folder's content for error messages, for example ``"a run"``.
         resume: whether to continue the run that the folder contains.
         lock: name of the lock file; None if the caller has already locked an outer folder.
-        alone: whether a folder with other files but without a run is refused.
+        alone: whether to refuse a folder that has other files but no run.
 
     Attributes:
         path: the folder.
         record: settings of the run; in a resumed folder, the settings of the first run.
 
     Raises:
-        InputError: the folder has a run and ``resume`` is false, other settings or files, is in use or not writable.
+        InputError: the folder is in use or not writable, or it has other settings or files, or it has a run and
+            ``resume`` is false.
     """
 
     def __init__(
@@ -214,7 +217,7 @@ class ResumableFolder(Generic[Settings]):
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         try:
             # Remove files of killed workers. After an error of the block, such as a read-only disk, this may fail as
-            # well; the caller gets the block's error, and the next run removes the files.
+            # well. The caller then gets the error of the block, and the next run removes the files.
             with contextlib.nullcontext() if kind is None else contextlib.suppress(WriteError):
                 self._remove_temporaries()
         finally:

@@ -4,7 +4,8 @@
     from 512 on     the body
 
 HDF5 skips the first 512 bytes as a user block, so the body can be an HDF5 file. The checksum covers ``<magic>
-<version>``, a line feed and the body; changed files are refused before a library, which they could crash, reads them.
+<version>``, a line feed and the body. Files that have changed are refused before a library reads them, because they
+could crash the library.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ class Seal:
         """Check a file and return its SHA-256 digest and its content (header and body).
 
         Raises:
-            InputError: the file is unreadable or of an incompatible version; ``self.damaged`` if bytes have changed.
+            InputError: the file is unreadable or of an incompatible version. The error is ``self.damaged`` if bytes
+                have changed.
         """
         content = read_input(path, MAX_BYTES, self.remedy)
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")

@@ -36,7 +36,7 @@ def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
     Equal arguments give equal random numbers in every process, for any number of workers.
 
     Args:
-        task: name of the task; another string, such as ``"OpenDrawer/verify"``, gives independent numbers.
+        task: name of the task. Another string, such as ``"OpenDrawer/verify"``, gives independent numbers.
         episode: index of the episode.
     """
     import numpy as np  # imported here to keep the command line fast

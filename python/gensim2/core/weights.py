@@ -1,4 +1,7 @@
-"""Store network weights beside a JSON record that names their file, whose name contains part of the digest."""
+"""Store network weights next to a JSON record.
+
+The record names the file of the weights, and the file's name contains a part of its digest.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 def write_weights(folder: Path, tensors: Mapping[str, torch.Tensor]) -> tuple[str, str]:
-    """Write tensors atomically; next write the record, then call :func:`remove_other_weights`.
+    """Write tensors atomically. Write the record next, and then call :func:`remove_other_weights`.
 
     Returns:
         Name of the file, and the SHA-256 of its content in hexadecimal digits.

@@ -1,7 +1,7 @@
 """Read and write YAML files of plain data, with limits on size, depth and repetition.
 
 Files may be untrusted or come from language models. They may contain mappings with text keys, lists, text, numbers,
-true, false and null, but no dates, merge keys (``<<``), custom tags or cyclic anchors.
+true, false and null. They may not contain dates, merge keys (``<<``), custom tags or cyclic anchors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_DEPTH = 30
 #: Maximum number of values. A value that is repeated by an alias is counted again for each alias.
 MAX_VALUES = 20_000
 
-#: Maximum length at which a message quotes an invalid integer; Python refuses to convert very long ones.
+#: Maximum length of an invalid integer that a message quotes. Python refuses to convert very long integers.
 LONGEST_WHOLE_NUMBER = 100
 TOO_MANY_BITS = "a whole number of more than 64 bits"
 
@@ -59,7 +59,8 @@ def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
     """Parse YAML text. Numbers must be finite, and integers must fit into 64 bits.
 
     Raises:
-        InputError: not UTF-8 or YAML, too large or deep, or not expressible in JSON; the message gives the line.
+        InputError: the file is not UTF-8 or not YAML, is too large or nested too deeply, or cannot be expressed in
+            JSON. The message gives the line.
     """
     if len(data) > MAX_BYTES:
         raise InputError(f"is larger than {MAX_BYTES // 1000} kB", file=file)
@@ -101,7 +102,10 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
 
 
 class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
-    """Loader with libyaml's parser, 5 times as fast as PyYAML's, and PyYAML's composer, which can enforce limits."""
+    """Loader with libyaml's parser and PyYAML's composer.
+
+    The parser is 5 times as fast as PyYAML's, and the composer can enforce limits.
+    """
 
     def __init__(self, stream: str) -> None:
         yaml.CSafeLoader.__init__(self, stream)
@@ -177,7 +181,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return found
 
 
-# Only true and false are booleans; YAML 1.1 also has "on", "off", "yes" and "no", but "on" is a field here.
+# Only true and false are booleans. In YAML 1.1, "on", "off", "yes" and "no" are booleans too, but "on" is a field here.
 _BOOL = _PREFIX + "bool"
 _PlainLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]

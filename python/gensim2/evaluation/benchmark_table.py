@@ -14,7 +14,7 @@ from gensim2.tasks.spec import TaskSpec
 
 TaskType = Literal["single-step", "long-horizon"]
 
-#: Verdicts by their names in the JSON output, which calls the paper's verdict ``success``.
+#: Verdicts by their names in the JSON output. The output calls the paper's verdict ``success``.
 VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
 
 
@@ -43,7 +43,10 @@ class TaskRow:
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Instances with which the strategies were designed: ``"all"`` if any used all; None if unknown."""
+        """Instances with which the strategies were designed.
+
+        ``"all"`` if any design used all instances; None if unknown.
+        """
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None
@@ -121,10 +124,10 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 
 
 def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
-    """Compare each task's verdicts ``held`` in two engines on the same scenes.
+    """Compare the verdicts ``held`` of each task in two engines on the same scenes.
 
-    Each dictionary describes one task: successful episodes ``held`` by engine, ``p_value`` of Fisher's exact test, and
-    the seeds that succeed only in the first engine (``lost``) or the second (``won``).
+    Each dictionary describes one task. It has the successful episodes ``held`` by engine, the ``p_value`` of Fisher's
+    exact test, and the seeds that succeed only in the first engine (``lost``) or only in the second (``won``).
     """
     from scipy.stats import fisher_exact  # imported late because it takes long to import
 
@@ -146,11 +149,11 @@ def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str,
 
 
 def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
-    """Return each verdict's mean rate, standard deviation between runs and 95 % confidence interval.
+    """Return the mean rate of each verdict, its standard deviation between runs, and its 95 % confidence interval.
 
     A verdict is a definition of success, such as ``held``.
 
-    The interval pools the episodes of all tasks, whatever their difficulty, so it is wider than necessary.
+    The interval pools the episodes of all tasks, whatever their difficulty. Therefore it is wider than necessary.
     """
     found: dict[str, Any] = {}
     for name, verdict in VERDICTS.items():

@@ -67,9 +67,11 @@ def benchmark(
         runs: number of runs, from which the standard deviation is computed.
         episodes: number of episodes of each task in each run.
         seed: seed of the scenes. No search for strategies uses these scenes.
-        attempts: maximum attempts from the same start; the episode ends after the first success.
-        one_plan: the paper's method: each step is planned once, before its execution, with its first strategy.
-        disturbance: ``"push"`` or ``"drop"`` once per episode, at a seeded moment; tasks without a grasp are skipped.
+        attempts: maximum number of attempts from the same start. The episode ends after the first success.
+        one_plan: use the method of the paper: each step is planned once, before it is executed, with its first
+            strategy.
+        disturbance: ``"push"`` or ``"drop"``, once in each episode at a seeded moment. Tasks without a grasp are
+            skipped.
         out: run folder; default ``runs/<date>-<time>``.
         resume: continue the run in ``out``.
         scene: options of scenes, strategies and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
@@ -179,8 +181,8 @@ def benchmark_both(
 def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskInput], list[str]]:
     """Return the tasks that grasp a rigid object, and the names of all other tasks.
 
-    An existing run without a task that grasps was started without a disturbance: return all its tasks, so that the
-    comparison with its record reports the changed argument.
+    An existing run without a task that grasps was started without a disturbance. Return all its tasks in this case. The
+    comparison with its record then reports the changed argument.
 
     Raises:
         InputError: no task of a new run grasps a rigid object.
@@ -194,10 +196,10 @@ def _disturbable(given: Sequence[TaskInput], is_begun: bool) -> tuple[list[TaskI
 
 
 def _perceivable(given: Sequence[TaskInput]) -> tuple[list[TaskInput], dict[str, str], dict[str, str]]:
-    """Select the tasks whose scene the planner can get from the simulator or an estimator.
+    """Select the tasks whose scene the planner can get from the simulator or from an estimator.
 
     Returns:
-        The selected tasks, their estimators' digests (for resuming), and the reason for each other task.
+        The selected tasks, the digests of their estimators (for resuming), and the reason for each other task.
 
     Raises:
         InputError: no task remains.

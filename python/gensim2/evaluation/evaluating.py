@@ -78,15 +78,15 @@ def evaluate(
         controller: ``module:Class``, ``FILE.py:Class``, or an importable class (docs/guides/controllers.md).
         tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, as JSON data.
-        data: rendered training data of the controller, with the same observation spec.
-        stop: what ends an episode. ``"goal"``: the controller (None), the step limit, or a goal that has been met for
-            half a second and is still met after the scene has settled. ``"controller"``: only the controller; at the
-            step limit the episode fails.
+        data: rendered data sets with which the controller was trained. They must have the same observation spec.
+        stop: rule for the end of an episode. ``"goal"``: the episode ends when the controller returns None, at the step
+            limit, or when the goal has held for half a second and still holds after the scene has settled.
+            ``"controller"``: only the controller ends the episode; at the step limit it fails.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
-        videos: number of ray-cast videos of each task, which also show the controller's point cloud.
+        videos: number of ray-cast videos of each task. They also show the point cloud of the controller.
 
     Returns:
-        A table with a row per task (rates by three verdicts with 95 % intervals), and the videos.
+        A table with a row for each task, which has the rates of three verdicts with 95 % intervals, and the videos.
 
     Raises:
         ControllerError: the controller cannot be created, raises an exception, or returns an invalid action.
@@ -180,7 +180,7 @@ def _keep_missing(
     videos: int,
     episodes: Sequence[Episode],
 ) -> None:
-    """Repeat the episodes without stored states that need a video, and store their states."""
+    """Repeat the episodes that need a video but have no stored states, and store their states."""
     files = folder.task(given.spec.name).path
     kept = _recorded(files)
     config = runner.config(given.spec, given.instances)

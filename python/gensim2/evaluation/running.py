@@ -1,4 +1,7 @@
-"""Run the episodes of a table of success rates; seeds determine scenes; episodes are logged at once."""
+"""Run the episodes of a table of success rates.
+
+Seeds determine the scenes. Episodes are logged at once.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class Table:
         arguments: all settings that determine the episodes, except the tasks.
         versions: versions of the packages that affect results.
         skipped: name of each task that was not run, with the reason.
-        speeds: episodes of this call per second of wall time, by task; None if none was left.
+        speeds: number of episodes of this call per second of wall time, by task. None if no episode was left to run.
         cpu_s: CPU time in seconds that all worker processes of this call used, without the start of the processes.
     """
 
@@ -61,7 +64,7 @@ Made = TypeVar("Made", bound=Table)
 
 @dataclass(frozen=True)
 class TableExtent:
-    """Episodes of each task: ``runs`` runs of ``episodes`` episodes, with scenes derived from ``seed``."""
+    """Episodes of each task. There are ``runs`` runs of ``episodes`` episodes, with scenes derived from ``seed``."""
 
     runs: int
     episodes: int
@@ -177,7 +180,8 @@ def run_episodes(
 def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
     """Write the result of a table into its run folder, and finish the run.
 
-    Left out: ``provenance``, so that date and command do not matter, and ``records``, stored with the tasks.
+    The table does not contain ``provenance``, so that date and command do not matter, nor ``records``, which are stored
+    with the tasks.
 
     Args:
         told: result as JSON data; the function does not modify it.

@@ -32,7 +32,7 @@ class Finding:
 
 
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
-    """Return a keypoint's distance (m) from sampled points on its link's hulls; 0 inside a hull."""
+    """Return the distance (m) of a keypoint from sampled points on the hulls of its link. 0 if it is inside a hull."""
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
     if not hulls:
@@ -45,7 +45,7 @@ def distance_to_link(instance: ArticulatedObject, name: str) -> float:
 
 
 def geometric_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Run all checks without simulation; return failed checks and the warnings from reading the files."""
+    """Run all checks that need no simulation. Return the checks that failed and the warnings from reading the files."""
     joint = instance.joint
     found = [Finding("note", warning, "none") for warning in instance.warnings]
 
@@ -98,7 +98,10 @@ def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
 
 
 def clearance_of(instance: ArticulatedObject, name: str) -> float:
-    """Return a keypoint's distance (m) from the hulls of both links, joint open; negative inside a hull."""
+    """Return the distance (m) of a keypoint from the hulls of both links, with an open joint.
+
+    It is negative inside a hull.
+    """
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)
     point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]

@@ -83,7 +83,7 @@ def build_gallery(
         size: width and height of each view in pixels.
 
     Raises:
-        InputError: a class is unknown, folders share a name, findings are invalid, or the folder is not writable.
+        InputError: a class is unknown, folders have the same name, findings are invalid, or the folder is not writable.
         MissingExtraError: SAPIEN is not installed.
         GenSim2Error: no Vulkan driver works on this machine.
 
@@ -150,7 +150,8 @@ class _Maker:
         """Return the path of a picture. If the picture is missing, draw it and remove its outdated versions.
 
         Args:
-            content: folder of the prepared object, named by digests of its files and of the preparing code.
+            content: folder of the prepared object. Its name has digests of the object's files and of the code that
+                prepares it.
         """
         text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
         picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
@@ -160,7 +161,7 @@ class _Maker:
             return picture
         stream = io.BytesIO()
         pictures.turntable(model, self._views, self._size).save(stream, "WEBP", quality=82, method=4)
-        # A looser pattern for object 1 would also match, and delete, pictures of object 1-2.
+        # A looser pattern for object 1 would also match and delete pictures of object 1-2.
         own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")
         for outdated in file.parent.glob("*.webp"):
             if own.fullmatch(outdated.name):
@@ -214,7 +215,7 @@ _Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
 
 
 def _verdicts(path: Path) -> _Verdicts:
-    """Read findings: the library's name, None if not stated, and findings by class and id.
+    """Read findings. Return the name of the library, or None if it is not stated, and the findings by class and id.
 
     Raises:
         InputError: the file is not from ``gensim2 assets validate --json``.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 View = tuple[float, float]
-"""Openness (0 to 1) in a picture and azimuth of the camera (degrees; 0: the robot's side, 90: its right)."""
+"""Openness (0 to 1) in a picture, and azimuth of the camera in degrees. 0 is the robot's side, and 90 is its right."""
 
 OPENNESS = (0.0, 0.5, 1.0)
 HALF_OPEN = 0.5
@@ -81,7 +81,9 @@ def drawn(
 
 
 def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> Image.Image:
-    """Return views all around an object: a column per azimuth, and a row per openness (0, 0.5, 1) or one if rigid.
+    """Return views all around an object.
+
+    Each azimuth is a column. Each openness (0, 0.5 and 1) is a row; a rigid object has one row.
 
     Example:
         ```python
@@ -94,7 +96,7 @@ def turntable(model: ArticulatedObject | RigidObject, views: int, size: int) -> 
 
 
 def strip(model: ArticulatedObject | RigidObject, size: int) -> Image.Image:
-    """Return views with labelled keypoints: openness 0, 0.5 and 1, or three sides of a rigid object.
+    """Return views with labelled keypoints, at openness 0, 0.5 and 1 or from three sides of a rigid object.
 
     Example:
         ```python
@@ -174,7 +176,7 @@ def _towards_camera(azimuth: float) -> Array:
 
 
 def _points(model: ArticulatedObject | RigidObject, openness: float, solids: Sequence[tuple[Surface, Array]]) -> Array:
-    """Return the surfaces' vertices and the keypoints (N, 3) in the world frame; ``solids[0]`` is the table."""
+    """Return the vertices of the surfaces and the keypoints (N, 3) in the world frame. ``solids[0]`` is the table."""
     _, *own = solids
     vertices = [transform(pose, surface.vertices.astype(np.float64)) for surface, pose in own]
     return np.concatenate([*vertices, np.array(list(_keypoints(model, openness).values())).reshape(-1, 3)])

@@ -37,7 +37,8 @@ BUDGET: kpam.Options = {
 def reach_findings(instance: ArticulatedObject, profile: RobotProfile) -> list[Finding]:
     """Check whether the robot's fingertips can reach an object's head keypoint, at several values of openness.
 
-    The hand must stay above the table. Each openness without reach is a finding: the distance left in mm, or the table.
+    The hand must stay above the table. Each openness at which the keypoint is out of reach is a finding. It has the
+    remaining distance in mm, or names the table.
 
     The head keypoint is ``articulated_object_head``, or else the first keypoint.
 
@@ -169,7 +170,7 @@ def validate(
     Args:
         items: (class, id) of each object to check.
         physics: whether to simulate; otherwise only the geometry is checked.
-        workers: number of processes; 0: this process. A crashed worker becomes a finding.
+        workers: number of processes. 0 uses this process. A crashed worker becomes a finding.
 
     Raises:
         MissingExtraError: ``physics`` is set and SAPIEN is not installed.
@@ -186,7 +187,10 @@ def validate(
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
-    """Return a summary as JSON data: numbers of ``objects``, of ``sound`` ones, and of findings by check."""
+    """Return a summary as JSON data.
+
+    It has the numbers of ``objects``, of ``sound`` objects, and of findings by check.
+    """
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {
         "schema_version": 1,
@@ -198,12 +202,12 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 
 def family(check: str) -> str:
-    """Return a check's name with X for numbers, so that similar checks are counted together."""
+    """Return the name of a check with X in place of numbers, so that similar checks are counted together."""
     return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
 def physical_findings(instance: ArticulatedObject) -> list[Finding]:
-    """Check an object in simulation: its hulls, drift at rest, and its joint's motion over the whole range.
+    """Check an object in simulation: its hulls, its drift at rest, and the motion of its joint over the whole range.
 
     The joint is driven by 1.5 times the force or torque that is needed to overcome gravity and the joint's friction.
 

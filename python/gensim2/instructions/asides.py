@@ -1,7 +1,7 @@
 """Recognize the parts of a sentence that ask for nothing: statements, reasons, questions and polite words.
 
-Words need not be known: the form shows that no task is meant: a subject with a finite verb ("there's a draught"), or a
-word that begins a reason ("because"). Demands ("the box should be painted") are no asides.
+The words of an aside need not be known. Its form shows that it is no task: it has a subject with a finite verb
+("there's a draught"), or a word that begins a reason ("because"). Demands ("the box should be painted") are no asides.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Parse a sentence into clauses: a verb with its modifiers, objects and prepositional phrases.
 
-Every word of an instruction needs a role, or the parser refuses the sentence. Statements, reasons and polite words
-(:mod:`~gensim2.instructions.asides`) only name objects for pronouns.
+Every word of an instruction needs a role. Otherwise the parser refuses the sentence. Statements, reasons and polite
+words (:mod:`~gensim2.instructions.asides`) only name objects for pronouns.
 """
 
 from __future__ import annotations
@@ -496,7 +496,10 @@ class ClauseParser:
         return clause
 
     def _continuation(self, last: Clause) -> Clause | None:
-        """Read a clause that shares the verb of the clause before: "... and off again", "... and the pear"."""
+        """Read a clause that shares the verb of the clause before.
+
+        Examples are "... and off again" and "... and the pear".
+        """
         start, verb = self._at, last.verbs[-1]
         modifier = self._modifier()
         self._skip(PHRASES["neutral"])

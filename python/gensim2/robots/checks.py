@@ -138,7 +138,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
-    """Check that the URDF's ``<mimic>`` elements, all that the planner reads, agree with the profile."""
+    """Check that the ``<mimic>`` elements of the URDF agree with the profile. The planner reads only these elements."""
     written = gensim2_kpam.read_urdf(read_input(profile.urdf, MAX_URDF), str(profile.urdf))
     followed = {joint["name"]: joint["mimic"] for joint in written["joints"]}
     remedy = "give the joint a <mimic> element with these numbers"

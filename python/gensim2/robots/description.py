@@ -68,7 +68,7 @@ def mounted(
         if link not in _links(element):
             raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
     names = {palm}
-    # Children may precede parents in the file; one pass per joint finds all links in any order.
+    # A child may precede its parent in the file. One pass for each joint finds all links in any order.
     for joint in (joints := hand.findall("joint")) * len(joints):
         if _end(joint, "parent") in names:
             names.add(_end(joint, "child"))
@@ -90,7 +90,7 @@ def mounted(
 
 
 def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
-    """Return an SRDF without collision checks for joined links and for ``pairs``.
+    """Return an SRDF that excludes joined links and the pairs ``pairs`` from collision checks.
 
     Example:
         ```python

@@ -14,14 +14,14 @@ TORSO_HEIGHT = 0.38
 """Position of the torso's lift joint, m; its maximum is 0.386. The shoulder is then 0.57 m above the table."""
 
 FINGERTIP = 0.024
-"""Distance (m) from ManiSkill's ``gripper_link`` to 7 mm behind the finger tips, as for the Panda."""
+"""Distance (m) from ManiSkill's ``gripper_link`` to the point 7 mm behind the finger tips, as for the Panda."""
 
 
 def fetch_files() -> RobotFiles:
-    """Return ManiSkill's Fetch with a fixed base, written to the user's cache folder.
+    """Return the files of ManiSkill's Fetch with a fixed base, which are written to the user's cache folder.
 
-    Head and torso are fixed, and a new link is the hand frame. The three continuous joints, whose turns simulators
-    count differently, are limited to half a turn, with which the hand still reaches every orientation.
+    Head and torso are fixed, and a new link is the hand frame. Simulators count the turns of the three continuous
+    joints differently. Therefore these joints are limited to half a turn. The hand can still reach every orientation.
 
     Raises:
         MissingExtraError: ManiSkill is not installed.
@@ -46,7 +46,8 @@ def fetch_files() -> RobotFiles:
 def fetch() -> RobotProfile:
     """Return the profile; drives and friction are those of ManiSkill's agent.
 
-    It stands on the floor, 0.6 m below the table's top, wheels below the table, torso at its edge.
+    The robot stands on the floor, 0.6 m below the top of the table. Its wheels are below the table and its torso is at
+    the edge.
     """
     return RobotProfile(
         name="fetch",

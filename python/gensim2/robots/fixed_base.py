@@ -1,4 +1,4 @@
-"""Convert a mobile robot's URDF to that of a fixed arm with this package's hand frame."""
+"""Convert the URDF of a mobile robot to the URDF of a fixed arm with this package's hand frame."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def fixed_base(
         standing: names of the joints to fix, with the joint values (rad or m) at which they are fixed.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
-        hand: name of the new hand link at the palm's origin, without geometry, the palm's parent.
+        hand: name of the new hand link at the origin of the palm. It has no geometry and becomes the parent of the
+            palm.
         pitch: pitch of the hand in the palm's frame, rad.
         tool: name of the new tool link, added without geometry on the hand's z axis.
         tool_at: position of the tool link along the hand's z axis, m.
@@ -66,7 +67,7 @@ def fixed_base(
 def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
     """Return the text of an SRDF file, extended by pairs of links whose collisions are ignored.
 
-    Neighbours' collisions are ignored; the SRDF must exclude pairs that an inserted link separates.
+    Collisions between neighbours are ignored. The SRDF must exclude pairs that an inserted link separates.
     """
     root = read_xml(srdf)
     for one, other in pairs:
@@ -122,7 +123,7 @@ def _place(joint: ET.Element, pose: RigidTransform) -> None:
     origin = joint.find("origin")
     origin = ET.SubElement(joint, "origin") if origin is None else origin
     with warnings.catch_warnings():
-        # SciPy warns in gimbal lock, where any of the angles is correct.
+        # SciPy warns in gimbal lock. Any of the possible angles is correct there.
         warnings.simplefilter("ignore", UserWarning)
         turn = pose.rotation.as_euler("xyz")
     origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))

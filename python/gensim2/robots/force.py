@@ -25,12 +25,12 @@ HALVINGS = 40
 class Yielding:
     """Shortens the targets of the arm's drives, so that the tool presses on an obstacle with a limited force.
 
-    The drives act as springs and dampers between joints and targets. The force ``F`` (3,) on an obstacle that holds the
-    tool at the measured joints ``q`` follows from ``J K^-1 J^T F = J (targets - q)``, with the tool's Jacobian ``J``
-    (3, m) and the drives' stiffness ``K``: it moves the tool against the springs from its targets' position to that of
-    ``q``. No force sensor is needed.
+    The drives act as springs and dampers between joints and targets. Assume that an obstacle holds the tool at the
+    measured joints ``q``. The force ``F`` (3,) on it follows from ``J K^-1 J^T F = J (targets - q)``, with the tool's
+    Jacobian ``J`` (3, m) and the stiffness ``K`` of the drives: it moves the tool against the springs from the position
+    of the targets to the position of ``q``. No force sensor is needed.
 
-    Springs and dampers press with at most ``limit``; a moving arm may press harder until its next command.
+    Springs and dampers press with at most ``limit``. A moving arm may press harder until its next command.
 
     Args:
         profile: robot profile.
@@ -61,7 +61,7 @@ class Yielding:
         Args:
             q, qvel: (n,) positions and velocities of all active joints, rad or m, and per s.
             asked: (m,) requested targets of the arm's drives, rad or m.
-            is_free: whether no contact is expected; targets then stay on the straight, collision-free line.
+            is_free: whether no contact is expected. Targets then stay on the straight, collision-free line.
 
         Returns:
             Targets (m,), rad or m, and the distance of the tool's target from the requested one, m.
@@ -108,8 +108,9 @@ class Yielding:
     def _excess(self, jacobian: Array, stretched: Array, limit: float) -> Array:
         """Return the change (m,) of the springs that must be taken back so that the force keeps the limit.
 
-        Of all permitted forces, that of the nearest tool target is left. An almost stretched arm presses hard along its
-        stretch with targets only millimetres ahead; only these are taken back.
+        Of all permitted forces, the one with the nearest target of the tool remains. An arm that is almost stretched
+        presses hard along its stretch even if the targets are only millimetres ahead. Only these millimetres are taken
+        back.
         """
         compliance, directions = np.linalg.eigh(self._compliance(jacobian))
         compliance = np.maximum(compliance, LEAST_COMPLIANCE)

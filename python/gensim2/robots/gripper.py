@@ -44,7 +44,7 @@ class Gripper(Protocol):
         driven: names of the motorized joints; the command determines their target.
         fingers: names of the joints whose drives press the pads together; they are driven or follow a driven joint.
         mimics: joints that follow a driven joint, by name.
-        passive: joints without a motor that rest at 0, with multiplier 0 of ``mimic`` in the URDF.
+        passive: joints without a motor that rest at 0. In the URDF their ``mimic`` has the multiplier 0.
         pads: names of the links that touch a grasped object.
         travel_seconds: time for opening or closing the fingers.
         friction: static and dynamic friction coefficient of the pads' surface.
@@ -71,7 +71,7 @@ class Gripper(Protocol):
     def widest(self) -> float: ...
 
     def target(self, command: Row) -> Row:
-        """Return a driven joint's target, rad or m, for commands of any shape, clipped to -1..1."""
+        """Return the target of a driven joint, rad or m, for commands of any shape. Commands are clipped to -1..1."""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -81,7 +81,7 @@ class Gripper(Protocol):
         """Return the command that opens the pads to ``opening`` (m), without clipping to -1 and 1."""
 
     def command_at(self, q: Array) -> float:
-        """Return the command for gripper joint values ``q`` (g,); it may lie outside -1..1."""
+        """Return the command for the values ``q`` (g,) of the gripper joints. It may lie outside -1..1."""
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
         """Return the command with which each pad presses with ``force`` (N) on an object between the pads.
@@ -116,12 +116,14 @@ class Gripper(Protocol):
 
 @dataclass(frozen=True)
 class SlidingGripper:
-    """Gripper with two fingers that slide by equal distances, with a motor each or one for both.
+    """Gripper with two fingers that slide by equal distances. Each finger has a motor, or one motor moves both.
 
     Attributes:
-        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`; ``driven``: both.
+        joints, driven, mimics, passive, pads, travel_seconds, friction: as in :class:`Gripper`. By default, both joints
+            are driven.
         fingers: names of the two sliding joints, which are at 0 when the pads touch.
-        open, closed: targets (m) of a sliding joint at 1 and -1; ``closed`` lies beyond the pads' meeting.
+        open, closed: targets (m) of a sliding joint at the commands 1 and -1. ``closed`` lies beyond the position where
+            the pads meet.
     """
 
     joints: tuple[str, ...]

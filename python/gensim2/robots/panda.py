@@ -11,10 +11,10 @@ from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfi
 
 
 def panda_files() -> RobotFiles:
-    """Return the paths of ManiSkill's Panda, or of this package's copy without ManiSkill.
+    """Return the paths of ManiSkill's Panda, or of this package's copy if ManiSkill is not installed.
 
-    The copy is Franka's ``franka_description`` (Apache-2.0), with ManiSkill's joints, inertias and collision meshes, so
-    both behave alike; only its visual meshes have no normals.
+    The copy is Franka's ``franka_description`` (Apache-2.0) with ManiSkill's joints, inertias and collision meshes.
+    Therefore both behave in the same way. The visual meshes of the copy have no normals.
     """
     if find_spec("mani_skill") is None:
         folder = Path(__file__).parent / "franka_description"
@@ -48,7 +48,7 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # Franka's published limits; the original GenSim2's joint weights and workspace.
+        # These are Franka's published limits, and the joint weights and workspace of the original GenSim2.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

@@ -25,7 +25,7 @@ UNLIMITED = 1e10
 
 
 def panda_long_files() -> RobotFiles:
-    """Write the Panda with long fingers to the user's cache folder, and return its paths.
+    """Write the Panda with long fingers to the user's cache folder and return the paths of its files.
 
     The description is ManiSkill's description of the Panda, in which each finger is replaced by a longer finger.
 
@@ -42,7 +42,7 @@ def panda_long_files() -> RobotFiles:
 
 
 def _lengthen(link: ET.Element, side: float) -> None:
-    """Replace a finger's shapes by a box; ``side``: 1 if it opens towards positive y, else -1."""
+    """Replace the shapes of a finger by a box. ``side`` is 1 if the finger opens towards positive y, else -1."""
     for kind in ("visual", "collision", "inertial"):
         for element in link.findall(kind):
             link.remove(element)

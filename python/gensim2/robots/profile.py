@@ -31,7 +31,7 @@ FINGER_KEYPOINTS = {
 
 
 def finger_keypoints(tip: float, side: float, base: float | None = None) -> dict[str, Array]:
-    """Return a two-finger gripper's keypoints by name, positions (3,) in the hand frame, m.
+    """Return the keypoints of a two-finger gripper by name, as positions (3,) in the hand frame, m.
 
     Args:
         tip: distance of the fingertips from the hand's origin along z, m.
@@ -55,12 +55,13 @@ def _no_options() -> kpam.Options:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Space on and above the table that a robot occupies at the start and objects avoid, m.
+    """Space on and above the table that a robot occupies at the start, m. Objects must stay out of it.
 
     Attributes:
         base_half: half the side length of the square that the base occupies.
         hand_half: half the side length of the square below the hand.
-        hand_drop: how far the hand's space extends below the tool at rest; objects below it must be lower.
+        hand_drop: distance by which the space of the hand extends below the resting tool. Objects below it must be
+            lower.
     """
 
     base_half: float
@@ -90,12 +91,13 @@ class Simulation:
     """Parameters for simulating a robot. In simulation, PD drives take the place of the motors.
 
     Attributes:
-        agent: ManiSkill agent, named in recorded states; :mod:`gensim2.sim.agents` creates one that ManiSkill lacks.
+        agent: ManiSkill agent, which recorded states name. :mod:`gensim2.sim.agents` creates an agent that ManiSkill
+            lacks.
         arm: one drive for all arm joints, or a tuple with one drive for each joint.
         gripper: drive of the driven gripper joints.
         mimic: drive of the joints that follow the driven gripper joints. A stiff drive represents a rigid transmission.
         passive: drive of the joints without a motor, which acts as a spring that pulls the joint to 0.
-        tendons: whether fixed tendons couple the URDF's mimic joints in PhysX; ``gripper.mimics`` need none.
+        tendons: whether fixed tendons couple the mimic joints of the URDF in PhysX. ``gripper.mimics`` need no tendons.
         physics_hz: simulation rate in Hz; a multiple of the control rate.
     """
 
@@ -143,7 +145,8 @@ class RobotFiles:
 
     Attributes:
         urdf: URDF file.
-        srdf: pairs of links that never touch; with the URDF's name and folder, where simulators look.
+        srdf: SRDF file with the pairs of links that never touch. Its name and folder are those of the URDF, where
+            simulators look for it.
     """
 
     urdf: Path
@@ -156,7 +159,7 @@ class RobotProfile:
 
     An action is (m + 1,): targets of the m arm joints in rad or m, and the gripper from -1 (closed) to 1 (open).
 
-    Every hand frame has z along the fingers, which open along y, so a config fits every robot.
+    In every hand frame, z points along the fingers, which open along y. Therefore a config fits every robot.
 
     Attributes:
         name: name of the robot, as given to the option ``--robot``.
@@ -176,7 +179,8 @@ class RobotProfile:
         control_hz: control rate, Hz.
         cameras: cameras mounted on the robot's links, in addition to the fixed cameras.
         tool_keypoint_descriptions: description of each tool keypoint, for people and for prompts to language models.
-        solver: options of all planning problems: limits, joint weights, the hand's box at the actuation pose.
+        solver: options of all planning problems, such as limits, joint weights, and the box of the hand at the
+            actuation pose.
     """
 
     name: str
@@ -285,10 +289,12 @@ class RobotProfile:
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
         """Return the limits of the arm's joints from the solver options.
 
-        Without limits in the solver options, velocities are the URDF's, acceleration and jerk the arguments.
+        If the solver options have no limits, the velocity limits are those of the URDF. Acceleration and jerk then are
+        the arguments.
 
         Args:
-            acceleration, jerk: limits (m,), or one number, if the solver options have none.
+            acceleration, jerk: limits (m,), or one number for all joints. They are used if the solver options have no
+                limits.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:
@@ -302,7 +308,7 @@ class RobotProfile:
         )
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
-        """Return the tool keypoints (3,) by name in the world frame, m, for the hand pose ``T_world_hand`` (4, 4)."""
+        """Return the tool keypoints (3,) by name, world frame, m, for the hand pose ``T_world_hand`` (4, 4)."""
         points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
         return dict(zip(self.tool_keypoints, points, strict=True))
 
@@ -336,11 +342,12 @@ class RobotProfile:
     def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
         """Return joint targets that compensate the tracking delay of the simulated drives.
 
-        A step's target is the desired position of a later step, so that the delayed joint is right in time.
+        The target of a step is the desired position of a later step, so that the joint, which lags, is there in time.
 
         Args:
             positions: (N, m) desired arm joints at the end of each control step.
-            ends: (N,) index of the last step of each step's motion; no target comes from a later step.
+            ends: (N,) index of the last step of the motion to which each step belongs. No target comes from after this
+                step.
 
         Returns:
             (N, m) joint targets, one row for each control step.

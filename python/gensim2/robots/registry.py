@@ -54,7 +54,7 @@ def register_robot(make: _Made) -> _Made:
             return RobotProfile(...)
         ```
 
-    Workers load the file or module again: define the function at module level, and guard other code with ``__name__``.
+    Workers load the file or module again. Define the function at module level, and guard other code with ``__name__``.
 
     Args:
         make: function without arguments that returns the profile.
@@ -93,13 +93,14 @@ def robot_names() -> tuple[str, ...]:
 class RobotPlace(str):
     """Name of the file or module from which this process has loaded a robot.
 
-    Pickled, it lets the other process load the robot, which runs the user's code; a plain ``str`` does not.
+    If this object is pickled, the other process may load the robot, which runs the user's code. A plain ``str`` does
+    not permit this.
     """
 
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Callable[[str], RobotPlace], tuple[str]]:
-        """Let pickle restore this object with permission to load the robot, which loads on first use."""
+        """Let pickle restore this object with the permission to load the robot. The robot is loaded on first use."""
         return _granted, (str(self),)
 
 
@@ -119,7 +120,8 @@ def load_robot(place: str | Path) -> str:
         ```
 
     Args:
-        place: ``"my_arm.py"``, ``"my_arm.py:left"`` of several, ``"module:function"``, or a known robot's name.
+        place: ``"my_arm.py"``, ``"my_arm.py:left"`` for one of several robots, ``"module:function"``, or the name of a
+            known robot.
 
     Returns:
         Value for the ``robot`` arguments of this package.
@@ -216,7 +218,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
         wrong = f"{make.__name__}() must return a RobotProfile, but returned {profile!r:.80}"
         raise InputError(wrong, file=where, field="robot")
 
-    # Reading the robot's files, and the user's files(), may fail: an InputError for ``files``.
+    # Reading the robot's files, or the user's function files(), may fail. The result is an InputError for ``files``.
     def refused(error: BaseException) -> InputError:
         known = type(error).__module__.startswith("gensim2_kpam")
         said = str(error) if known else f"files() raises {_told(error, Path(where))}"
@@ -228,7 +230,7 @@ def _made(make: Maker, where: str) -> RobotProfile:
 
 
 def _parted(place: str) -> tuple[Path | None, str, str]:
-    """Split a robot's location into file (or None), module (or empty) and function name (may be empty)."""
+    """Split the location of a robot into file (or None), module (or empty) and name of the function (may be empty)."""
     path, _, function = place.rpartition(":")
     if place.endswith(".py"):
         return Path(place), "", ""
@@ -267,7 +269,7 @@ def _from_file(file: Path, function: str) -> Maker:
             "module on all machines and name it module:function",
         )
     names = _names_in.get(file)
-    # The list of robots of a file that was edited since may be empty or lack the function.
+    # If the file was edited since, its list of robots may be empty or lack the function.
     if not names or (function and function not in names):
         names = _loaded(file)
     found = [name for name in names if not function or name == function]

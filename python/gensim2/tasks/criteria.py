@@ -1,10 +1,11 @@
 """Define the success criteria of steps and tasks. Each criterion is a pure function of a :class:`Measurement`.
 
-Five criteria are the paper's. The original GenSim2 uses only horizontal distances of measured (last) keypoints, so an
-object in the air above a box is inside it. Here they also check heights and interiors; ``holds_in_paper`` is the
-original definition, for the verdict ``paper``.
+Five criteria come from the paper. The original GenSim2 uses only horizontal distances of the measured (last) keypoints,
+so an object in the air above a box counts as inside it. Here these criteria also check heights and interiors.
+``holds_in_paper`` is the original definition, for the verdict ``paper``.
 
-The others check a joint's partial opening or a rigid object's place: its frame's origin, near its middle.
+The other criteria check how far a joint is open, or the position of a rigid object, which is the origin of its frame,
+near its middle.
 
 Each criterion has the property ``objects`` with the names of the objects that it measures. ``holds`` returns whether
 the criterion is met; a criterion with a NaN measurement is never met. ``progress`` returns a value from 0 to 1, where 1
@@ -30,7 +31,9 @@ NEAR = 0.05
 """Horizontal distance (m) within which the paper considers two points to be together."""
 
 THICKNESS, GAP = 0.001, 0.01
-"""Minimum height (m) of the lowest point above the support's lowest; maximum above the support's highest."""
+"""Minimum height (m) of an object's lowest point above the lowest point of its support, and maximum height above the
+highest point.
+"""
 
 SCALE = 0.3
 """Distance (m) at which the progress towards a point is 0.24 (:func:`nearness`)."""
@@ -141,7 +144,7 @@ class RigidMoved(_Criterion):
         return bool(along > self.distance and abs(across) < along / 2)
 
     def _way(self, measured: Measurement) -> tuple[float, float]:
-        """Return the horizontal displacement (m) since the reset along the direction, and across it."""
+        """Return the horizontal displacements (m) since the reset, along the direction and across it."""
         x, y = map(float, measured.poses[self.rigid][:2] - measured.start_positions[self.rigid][:2])
         return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
 
@@ -192,11 +195,14 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return the measured horizontal distance (m) minus the threshold; negative below the threshold."""
+        """Return the measured horizontal distance (m) minus the threshold. It is negative below the threshold."""
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
-        """Return the height (m) by which the height condition is violated; 0 if met or shapes are unknown."""
+        """Return the height (m) by which the height condition is violated.
+
+        It is 0 if it is met or if shapes are unknown.
+        """
 
 
 class DistanceArticulatedRigid(_Distance):

@@ -67,7 +67,10 @@ class Condition(_Value):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the conditions are the paper's: ranges, all instances, closed loop, one attempt, undisturbed."""
+        """Whether the conditions are the paper's.
+
+        They are its ranges, all instances, a closed loop, one attempt, and no disturbance.
+        """
         return not self.deviations
 
     @property

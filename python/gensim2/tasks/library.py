@@ -196,7 +196,7 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
 
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
-    """Return the names of the tasks in a folder of the package, cached because packages do not change."""
+    """Return the names of the tasks in a folder of the package. They are cached, because packages do not change."""
     return names_in(shelf())
 
 

@@ -203,7 +203,7 @@ class Memory:
 
     @contextlib.contextmanager
     def _making(self, name: str) -> Iterator[Path]:
-        """Yield a temporary folder, which becomes the task's folder after the block, or is deleted on an error."""
+        """Yield a temporary folder. After the block it becomes the folder of the task; after an error it is deleted."""
         made = self.folder / _temporary(name)
         try:
             made.mkdir()

@@ -28,7 +28,7 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
     former = version_1.is_version_1(data)
     try:
         check_finite(data, file)
-        # Strict JSON mode converts lists to tuples, but rejects strings or bools for numbers.
+        # The strict JSON mode converts lists to tuples, but rejects strings or booleans in place of numbers.
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
     except TypeError as error:  # the data has Python types that JSON lacks
@@ -56,7 +56,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                # For several plain types pydantic appends a type's name, which is no field in the file.
+                # For several plain types, pydantic appends the name of a type, which is no field in the file.
                 break
             # This is not a field, but the value of ``type``. Pydantic selects the class by it.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
@@ -80,7 +80,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of a value's ``part`` (field name, key or index); the value has the type ``kind``."""
+    """Return the type of a value's ``part`` (field name, key or index). The value has the type ``kind``."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

@@ -1,4 +1,7 @@
-"""List success rates for comparisons: of the paper (Table 4), and of its authors' code as we ran it."""
+"""List success rates for comparisons.
+
+They are the rates of the paper (Table 4), and the rates of its authors' code as we ran it.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,9 @@ PAPER: dict[str, tuple[float, float]] = {
     "SecureGoldInSafe": (0.21, 0.05),
     "FillMugWithWater": (0.13, 0.04),
 }
-"""Mean rate and deviation over five runs: 24 single-step tasks, 14 long ones (the last four at half the ranges)."""
+"""Mean rate and deviation over five runs, for 24 single-step tasks and 14 long tasks. The last four have half the
+ranges.
+"""
 
 MEASURED: dict[str, tuple[int, int]] = {
     "OpenBox": (8, 10),
@@ -91,7 +96,10 @@ def paper_of(task: TaskSpec) -> tuple[float, float] | None:
 
 
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
-    """Return succeeded and run episodes of the authors' code; None if the task is not from the paper."""
+    """Return the numbers of successful and of all episodes of the authors' code.
+
+    None if the task is not from the paper.
+    """
     return MEASURED.get(task.name) if _is_published(task) else None
 
 

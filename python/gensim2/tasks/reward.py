@@ -37,10 +37,12 @@ class Stage:
 
 
 def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
-    """Return a task's stages: one for each step with criteria, and one for a goal unlike the last step's.
+    """Return the stages of a task.
 
-    Steps without ``done`` belong to the next stage with criteria. Part of a stage's reward is for moving the gripper to
-    the object of its first step.
+    There is one for each step with criteria, and one for the goal if it differs from the criteria of the last step.
+
+    Steps without ``done`` belong to the next stage with criteria. A part of the reward of a stage is for moving the
+    gripper to the object of its first step.
     """
     found: list[Stage] = []
     first: str | None = None
@@ -57,7 +59,8 @@ def stages_of(task: TaskSpec) -> tuple[Stage, ...]:
 class StagedReward:
     """Dense reward of an episode, normalized to 0..1: 1 exactly when the goal holds.
 
-    Stages have equal weight and the steps' order; a finished one keeps its reward, even if it is reversed later.
+    Stages have equal weight and the order of the steps. A finished stage keeps its reward, even if it is reversed
+    later.
 
     Args:
         task: task whose steps and goal are rewarded.

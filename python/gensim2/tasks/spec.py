@@ -1,7 +1,8 @@
 """Define the task specification: an immutable, validated value that can be converted to YAML and JSON.
 
-A task has named objects and steps. A step is one interaction: an actuation pose at an object, motions before and after,
-a gripper command. The spec has only the names of strategies, which are in ``strategies/<name>.yaml``.
+A task has named objects and steps. A step is one interaction. It has an actuation pose at an object, motions before and
+after this pose, and a gripper command. The spec has only the names of strategies, which are in
+``strategies/<name>.yaml``.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from gensim2.tasks.criteria import JOINT, Criterion, JointCriterion
 SCHEMA_VERSION: Literal[2] = 2
 
 STEPS_A_SECOND = 20
-"""Steps per second in which ``max_episode_steps`` counts; other control rates get the same seconds."""
+"""Steps per second in the unit of ``max_episode_steps``. With another control rate, the time limit in seconds is the
+same.
+"""
 
 HAND = "hand"
 """Reserved name of the robot's own tool."""
@@ -77,7 +80,7 @@ class Place(_Value):
 
     Attributes:
         on: ``"table"``, or the name of the object that supports or contains this object.
-        at: x and y in the world, m; None: the default placement, or the supporting object's middle.
+        at: x and y in the world, m; None: the default placement, or the middle of the supporting object.
         yaw: rotation from the default placement about the vertical, rad.
     """
 
@@ -87,10 +90,12 @@ class Place(_Value):
 
 
 class Randomization(_Value):
-    """Ranges of an object's initial pose and openness, in m and rad; table edges are 0.65 m from the origin.
+    """Ranges of an object's initial pose and openness, in m and rad.
 
-    The yaw is random up to the absolute value of ``yaw``; its direction depends on the side of the y offset: with a
-    positive ``yaw`` towards the robot, with a negative one away from it.
+    The edges of the table are 0.65 m from the origin.
+
+    The yaw is random up to the absolute value of ``yaw``. Its direction depends on the side of the y offset: the object
+    turns towards the robot if ``yaw`` is positive, and away from it if ``yaw`` is negative.
 
     Attributes:
         x, y: offset from the object's place, m; a single number w stands for the range from -w to w.
@@ -111,9 +116,9 @@ class ObjectSpec(_Value):
     """An object of a task.
 
     Attributes:
-        asset_class: name of the class; a rigid object has its own, with one instance, such as ``golf_ball``.
-        instances: allowed instances, as in ``--instances``, or a mapping with ``real`` and ``generated``; None: all. A
-            run can restrict them further.
+        asset_class: name of the class; a rigid object has a class of its own with one instance, such as ``golf_ball``.
+        instances: allowed instances, as in ``--instances``, or a mapping with ``real`` and ``generated``; None: all
+            instances. A run can restrict them further.
         place: placement before randomization.
         randomization: ranges of placement and openness.
     """
@@ -124,7 +129,10 @@ class ObjectSpec(_Value):
     randomization: Randomization = Randomization()
 
     def words(self, source: str) -> tuple[str, ...] | None:
-        """Return the allowed ``"real"`` or ``"generated"`` instances; None: all instances of the class."""
+        """Return the allowed instances of the source ``"real"`` or ``"generated"``.
+
+        None: all instances of the class.
+        """
         return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
@@ -134,8 +142,8 @@ class Step(_Value):
     Attributes:
         name: name, unique in the task.
         object: object to move, to grasp, or to approach with the tool.
-        tool: ``"hand"``, or the grasped object whose keypoints replace the hand's.
-        strategies: strategies in order of preference; a language model's is named ``designed``.
+        tool: ``"hand"``, or the grasped object, whose keypoints then replace the keypoints of the hand.
+        strategies: names of strategies in order of preference; strategies of a language model are named ``designed``.
         done: criteria that must all hold at some time during the step for the verdict ``paper``. A step without
             criteria counts as done as soon as it starts. In the paper, grasps and releases are such steps.
     """
@@ -160,7 +168,9 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """Result of a verification: episodes with the strategies on scenes that the design did not use.
+    """Result of a verification.
+
+    It ran episodes with the strategies on scenes that the design did not use.
 
     Attributes:
         episodes: number of episodes.
@@ -169,7 +179,7 @@ class Verified(_Value):
         strict: number of successes according to the verdict ``strict``; None in files of earlier releases.
         interval: 95 % confidence interval of the success rate.
         seed: seed of the run; the scenes are ``gensim2.core.seeding.scene_seeds(seed, name, "verify", episodes)``.
-        instances: split of the objects; the search used none of ``"new"`` and ``"test"``.
+        instances: split of the objects; the search used no object of the splits ``new`` and ``test``.
         objects: number of different objects by class.
     """
 
@@ -275,15 +285,15 @@ class TaskSpec(_Value):
 
     @property
     def acted_on(self) -> frozenset[str]:
-        """Names of the objects that are touched on purpose: a step's object, or the object in the hand."""
+        """Names of the objects that are touched on purpose: the object of each step, and the object in the hand."""
         return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
 
     @property
     def transient(self) -> frozenset[str]:
-        """Steps whose result a later step undoes, so that the final state does not show that they were done.
+        """Steps whose result a later step undoes. The final state does not show that these steps were done.
 
-        If a step between opening and closing a drawer puts an object in or takes it out, the object's final place shows
-        that the drawer was open, and the first step is left out.
+        If a step between opening and closing a drawer puts an object in or takes it out, the final place of the object
+        shows that the drawer was open. The first step is then left out.
         """
         return frozenset(
             step.name
@@ -297,12 +307,12 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion on the joint of the step's object, such as an open drawer; None without one."""
+        """Return the criterion on the joint of the step's object, such as an open drawer. None if there is none."""
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 
     def uses(self, step: Step, container: str) -> bool:
-        """Return whether a step puts an object into or onto ``container``, or grasps one from it at the start."""
+        """Return whether a step puts an object into or onto ``container``, or grasps an object that starts there."""
         puts = step.object == container and step.tool != HAND and self.motion_of(step) is None
         return puts or (step.tool == HAND and self.objects[step.object].place.on == container)
 

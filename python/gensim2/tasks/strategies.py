@@ -22,7 +22,7 @@ def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
 
     Args:
         task: task to copy.
-        ways: strategies for each step; the copy names these, and its provenance keeps only their entries.
+        ways: strategies for each step. The copy names these strategies, and its provenance keeps only their entries.
     """
     steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
     provenance = task.provenance

@@ -17,7 +17,8 @@ from gensim2.core.foreign.tree import NotRegularError, open_regular
 
 _ENTRY = b"PK\x01\x02"  # signature of a directory entry
 
-#: Exceptions of ``zipfile`` for damaged archives; NotImplementedError: compression, RuntimeError: password.
+#: Exceptions of ``zipfile`` for damaged archives. NotImplementedError is for unknown compression and RuntimeError for
+#: passwords.
 DAMAGED = (
     OSError,
     EOFError,
@@ -52,7 +53,7 @@ def open_archive(path: Path) -> zipfile.Path:
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file with at most ``max_members`` entries. Every entry must be uncompressed or compressed by deflate.
 
-    This keeps an archive from filling the memory: ``zipfile`` creates an object for every entry, and cannot limit the
+    This keeps an archive from filling the memory. ``zipfile`` creates an object for every entry, and cannot limit the
     size that it unpacks from a block of bzip2 or LZMA.
 
     Raises:

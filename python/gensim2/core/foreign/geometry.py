@@ -32,7 +32,7 @@ def read_xml(file: Path) -> ET.Element:
 
 @contextlib.contextmanager
 def opened_mesh(file: Path) -> Iterator[trimesh.Scene]:
-    """Yield the scene of a mesh file; an exception in the block is reported as a damaged file.
+    """Yield the scene of a mesh file. An exception in the block is reported as a damaged file.
 
     Raises:
         InputError: the file is not a regular file, is too large, or is damaged.

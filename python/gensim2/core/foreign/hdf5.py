@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from gensim2.core.foreign.limits import MAX_HDF5_ARRAY, MAX_HDF5_MEMBERS
 
-#: Filters that h5py can write: deflate, shuffle, fletcher32, lzf. For others HDF5 would load a plug-in.
+#: Filters that h5py can write: deflate, shuffle, fletcher32 and lzf. HDF5 would load a plug-in for other filters.
 _FILTERS = {1, 2, 3, 32000}
 
 Array = npt.NDArray[Any]
@@ -56,7 +56,7 @@ def dataset_in(
     shape: tuple[int | None, ...] | None = None,
     max_bytes: int = MAX_HDF5_ARRAY,
 ) -> h5py.Dataset:
-    """Return the dataset ``name`` of the group ``parent`` without reading its values.
+    """Return the dataset ``name`` of the group ``parent``. Its values are not read.
 
     Args:
         dtype: required data type; None: any numbers or booleans.

@@ -13,7 +13,8 @@ from gensim2.core.errors import GenSim2Error, InputError
 def read_by_library(file: Path, remedy: str, what: str = "cannot be read") -> Iterator[None]:
     """Turn any exception of a library call into an error that names the file.
 
-    Every exception of the library but MemoryError counts as damage, so the block should call nothing else.
+    Every exception of the library except MemoryError counts as damage. Therefore the block should call nothing but the
+    library.
 
     Raises:
         InputError: the library raised an exception; the message quotes the exception.

@@ -54,7 +54,7 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for reading ``size`` bytes in total; they leave room to decompress one episode."""
+        """Return the limits for reading ``size`` bytes in total. They leave enough memory to decompress one episode."""
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 
@@ -79,7 +79,8 @@ def isolated(
     A script must call this function below ``if __name__ == "__main__":``, because the function starts a process.
 
     Args:
-        function: picklable function, as arguments and result; its ``GenSim2Error`` or ``OSError`` is raised again.
+        function: function that can be pickled, like its arguments and its result. Its ``GenSim2Error`` or ``OSError``
+            is raised again.
         source: file or folder that the function reads, for error messages.
         bounds: resource limits.
         progress: listener that receives the function's progress.

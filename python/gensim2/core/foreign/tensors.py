@@ -77,9 +77,11 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 
 @contextlib.contextmanager
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
-    """Within the block, let this thread create only PyTorch weights with the types and shapes in ``shapes``, each once.
+    """Restrict the PyTorch weights that this thread can create in the block.
 
-    So a configuration of a larger model than its weights file is refused before the model fills the memory.
+    They must have the types and shapes in ``shapes``, and each shape is used only once.
+
+    A configuration of a larger model than its weights file is thus refused before the model fills the memory.
 
     Raises:
         InputError: the module creates a weight that ``shapes`` does not list.

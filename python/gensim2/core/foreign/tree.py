@@ -34,7 +34,7 @@ class TooLargeError(OSError):
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading; raise an error at once for a pipe, which would wait for a writer.
+    """Open a regular file for reading. Raise an error at once for a pipe, which would wait for a writer.
 
     Raises:
         NotRegularError: the path is not a regular file.
@@ -203,12 +203,13 @@ class ForeignTree:
         return [str(Path(*parts)) for parts in sorted(found)]
 
     def sizes(self) -> dict[str, int]:
-        """Check that the folder has only folders and regular files, and return the size of each by its relative path.
+        """Check that the folder has only folders and regular files. Return the size of each file by its relative path.
 
         After this check, the folder may be given to a library that opens the files itself.
 
         Raises:
-            InputError: a link, a special file, too many or too large files, or too deeply nested folders.
+            InputError: there is a link or a special file, files are too many or too large, or folders are nested too
+                deeply.
         """
         found: dict[str, int] = {}
         waiting = [(self.path, "", 0)]

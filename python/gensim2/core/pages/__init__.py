@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def template(package: str, name: str) -> Template:
     """Return a template from the folder ``templates/`` of a package.
 
-    Templates may use ``base.html.j2`` and ``parts.html.j2``; pages load other files only from their own folder.
+    Templates may use ``base.html.j2`` and ``parts.html.j2``. Pages load other files only from their own folder.
     """
     import jinja2  # import late, because checking arguments does not need this module
 
@@ -35,7 +35,10 @@ def template(package: str, name: str) -> Template:
 
 
 def _visible(value: Any) -> Any:
-    """Convert a value to safe text: escaped control characters; yes, no and none for True, False and None."""
+    """Convert a value to safe text.
+
+    Control characters become escape sequences, and True, False and None become yes, no and none.
+    """
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     # A template macro has already replaced the control characters in values of type Markup.

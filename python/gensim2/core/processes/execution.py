@@ -69,7 +69,7 @@ class Execution:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Execution:
-        """Return the settings among the keyword arguments ``given``; ignore all other keyword arguments."""
+        """Return the settings among the keyword arguments ``given``. Other keyword arguments are ignored."""
         return cls(**{each.name: given[each.name] for each in fields(cls) if each.name in given})
 
     def at_most(self, jobs: int) -> Execution:

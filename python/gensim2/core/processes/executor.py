@@ -1,7 +1,8 @@
 """Define the interface of executors, and the outcomes of jobs.
 
-A job is a pure function of its arguments, with the same result in every attempt and on any machine; if its process
-dies, it is run again. A ``GenSim2Error`` is its outcome; any other exception is a bug and a failed attempt.
+A job is a pure function of its arguments. It has the same result in every attempt and on any machine. If its process
+dies, the job is run again. A ``GenSim2Error`` is the outcome of a job. Any other exception is a bug, and the attempt
+has failed.
 """
 
 from __future__ import annotations
@@ -164,7 +165,7 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """Yield the remaining jobs, until none is left or the next depends on an unknown outcome."""
+        """Yield the remaining jobs, until no job is left or the next job depends on an unknown outcome."""
         while (job := self.next()) is not None:
             yield job
 
@@ -189,7 +190,8 @@ class Executor(ABC):
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
         """Yield the outcome of ``function(*job.arguments)`` for every job, as soon as the job is finished.
 
-        A failed job is attempted ``TRIES`` times, each in a new process; stopping the iteration ends running jobs.
+        A job that fails is attempted ``TRIES`` times, each time in a new process. Running jobs end if the iteration is
+        stopped.
 
         Args:
             function: function of a module, so that it is pickled by name.
@@ -230,7 +232,7 @@ class Executor(ABC):
 
     @abstractmethod
     def _collect(self, tries: Tries) -> list[Outcome[Any]]:
-        """Wait for a message and return the outcomes of finished jobs; an empty list after a timeout."""
+        """Wait for a message and return the outcomes of finished jobs. After a timeout the list is empty."""
 
     @abstractmethod
     def _abandon(self) -> None:
@@ -270,7 +272,7 @@ def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = N
 
     Raises:
         WriteError: a job could not write a file. This error is raised at once, because the other jobs would fail, too.
-        GenSim2Error: another error, that of the smallest index, raised after the last result.
+        GenSim2Error: a job has another error. The error with the smallest index is raised, after the last result.
         NotRunError: some jobs could not be run. This error is raised after the last result.
     """
     errors: dict[int, GenSim2Error] = {}

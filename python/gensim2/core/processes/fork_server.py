@@ -21,9 +21,9 @@ _registered_in: int | None = None
 def start_fork_server() -> None:
     """Start the fork server, the process from which workers are forked. If the server is already running, do nothing.
 
-    Ctrl-C sends SIGINT to the whole process group, and would end the server with a traceback while it imports its
-    modules. So this function blocks SIGINT in the caller while the server, which inherits the block, starts; the caller
-    receives the signal afterwards.
+    Ctrl-C sends SIGINT to the whole process group. It would end the server with a traceback while the server imports
+    its modules. Therefore this function blocks SIGINT in the caller while the server starts, and the server inherits
+    the block. The caller receives the signal afterwards.
     """
     global _registered_in
     forget_piped_script()
@@ -42,8 +42,8 @@ def start_fork_server() -> None:
 def end_unguarded_worker() -> None:
     """End this process without a message if it is a worker process that is still importing the main script.
 
-    Without ``if __name__ == "__main__":``, a worker's import of the main script would start its work again. The parent
-    raises an error with the remedy; tracebacks of workers would only hide it.
+    Without ``if __name__ == "__main__":``, a worker that imports the main script would start the work of the script
+    again. The parent raises an error with the remedy. Tracebacks of workers would only hide it.
 
     Raises:
         SystemExit: this process is such a worker process.
@@ -55,7 +55,10 @@ def end_unguarded_worker() -> None:
 
 
 def forget_piped_script() -> None:
-    """Delete ``__main__.__file__`` if it names no file, such as ``<stdin>``, which workers would try to open."""
+    """Delete ``__main__.__file__`` if it is not the name of a file, such as ``<stdin>``.
+
+    Workers would try to open it.
+    """
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
     if path is not None and not Path(path).is_file():

@@ -1,8 +1,8 @@
 """Run jobs in worker processes on this machine; the processes share no memory.
 
-SAPIEN runs one environment per process on the CPU, so each simulator needs its own. Workers are forked from a server
-that has imported all modules but run no job: 0.1 s instead of 8 s for a spawned worker, and no copy of the parent's
-state.
+SAPIEN runs one environment per process on the CPU, so each simulator needs its own process. Workers are forked from a
+server that has imported all modules but has run no job. A forked worker takes 0.1 s instead of the 8 s of a spawned
+worker, and has no copy of the parent's state.
 """
 
 from __future__ import annotations
@@ -84,7 +84,9 @@ class Worker:
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """Return the outcome of attempt ``number``; None for a worker's first message, that it is ready.
+        """Return the outcome of attempt ``number``.
+
+        Return None for the first message of a worker, which says that it is ready.
 
         Raises:
             WorkerStartError: the process ended before its first job.
@@ -147,7 +149,9 @@ class Worker:
 def start_process(
     target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start a worker process; return it and the parent's end of a connection that closes with the process.
+    """Start a worker process.
+
+    Return the process and the parent's end of a connection that closes when the process ends.
 
     Args:
         target: function that the process runs, called with the process's end of the connection and ``arguments``.
@@ -181,15 +185,18 @@ def start_process(
 def preload_modules(modules: Sequence[str]) -> None:
     """Let the fork server import modules once, so that workers start with the modules loaded.
 
-    Call this before the first worker starts, with which the fork server starts; later calls have no effect. Modules
-    that cannot be imported are skipped: the jobs that need them report the error.
+    Call this before the first worker starts, because the fork server starts together with this worker. Later calls have
+    no effect. Modules that cannot be imported are skipped: the jobs that need them report the error.
     """
     _CONTEXT.set_forkserver_preload(list(modules))
 
 
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
-    """Limit processes started in this block to one thread, by variables that libraries read at import."""
+    """Limit processes that start in this block to one thread.
+
+    Libraries read the limit from variables when they are imported.
+    """
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(SINGLE_THREADED)
     try:
@@ -271,13 +278,14 @@ JOBS_PER_WORKER = 500
 class WorkerPool(Executor):
     """A fixed number of worker processes.
 
-    Ctrl-C in the parent ends the workers at once and leaves the block; yielded outcomes are complete.
+    Ctrl-C in the parent ends the workers at once and leaves the block. Outcomes that were already yielded are complete.
 
     Args:
-        workers: number of processes; 0 runs jobs in this process and raises unexpected exceptions unchanged.
+        workers: number of processes. 0 runs jobs in this process and raises unexpected exceptions unchanged.
         time_limit: time after which a job counts as hung and its worker is replaced, s.
         jobs_per_worker: number of jobs after which a process is replaced.
-        preload: slow modules, imported once for all workers; only the first pool of a process uses it.
+        preload: slow modules, which are imported once for all workers. Only the first pool of a process uses this
+            argument.
         prepare: function called in each process before its first job; must be picklable.
         on_failure: callback for each failed attempt, even if a later one succeeds.
     """

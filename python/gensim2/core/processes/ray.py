@@ -1,6 +1,6 @@
 """Run jobs on a Ray cluster whose nodes may come and go.
 
-Each actor is a process that runs one job at a time, only when ready; nodes that join get new actors.
+Each actor is a process that runs one job at a time, and only when it is ready. New nodes of the cluster get new actors.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from gensim2.core.processes.pool import JOBS_PER_WORKER, SINGLE_THREADED, START_
 Result = TypeVar("Result")
 
 GONE_SECONDS = 15.0
-"""Time without an answer after which the head counts as lost, s; Ray itself waits 60 s."""
+"""Time (s) without an answer after which the head counts as lost. Ray itself waits 60 s."""
 
 RETRY_SECONDS = 1.0
-"""Time between attempts to reach a missing head, and longest wait between two checks of the time limits, s."""
+"""Time (s) between attempts to reach a missing head, and longest time between two checks of the time limits."""
 
 left_waiting = False
-"""Whether this process left Ray while Ray waited for a lost head; Ray's threads would change the exit code."""
+"""Whether this process left Ray while Ray waited for a lost head. Ray's threads would then change the exit code."""
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
 
@@ -76,7 +76,7 @@ class _Environment:
 
 
 class Head:
-    """Monitor of a Ray cluster's head node by a connection that ends when the node fails.
+    """Monitor of the head node of a Ray cluster. It has a connection that ends when the node fails.
 
     Ray itself would block requests for a minute after the loss, and then end this process with code 1.
 
@@ -139,8 +139,8 @@ class _Place:
 class RayPool(Executor):
     """Executor that runs jobs on a Ray cluster.
 
-    Each job runs in an actor, a worker process of Ray. Below ``workers`` actors, one request for a further actor is
-    always open, so the pool grows when a node joins the cluster.
+    Each job runs in an actor, which is a worker process of Ray. If there are fewer than ``workers`` actors, one request
+    for another actor is always open. Therefore the pool grows when a node joins the cluster.
 
     Args:
         address: ``"local"`` for a new cluster on this machine, ``"auto"`` or ``HOST:PORT`` for an existing one.
@@ -212,7 +212,7 @@ class RayPool(Executor):
                 self._end(place)
 
     def _grow(self) -> None:
-        """Request an actor for each CPU; once all are ready, request one more, because the cluster may grow."""
+        """Request an actor for each CPU. When all actors are ready, request one more, because the cluster may grow."""
         waits = any(not place.is_ready for place in self._places)
         wanted = max(self._first, len(self._places) + (not waits))
         while len(self._places) < min(wanted, self._most):
@@ -261,7 +261,7 @@ class RayPool(Executor):
                 raise WorkerStartError(f"{died}: {words}") from error
 
     def _received(self, place: _Place, job: Job, number: int) -> Outcome[Any] | Failure:
-        """Return an actor's outcome or failure; end the actor after a failure and after its last allowed job."""
+        """Return the outcome or failure of an actor. End the actor after a failure and after its last permitted job."""
         try:
             found = received(self._ray.get(place.awaited), job.index, number)
         except self._ray.exceptions.RayError as error:
@@ -295,7 +295,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
                     **where, logging_level=logging.ERROR, log_to_driver=False, runtime_env={"env_vars": _environment()}
                 )
                 return
-            # Ray also raises plain ``Exception``, for example after 15 s without a local node (its issue 65983).
+            # Ray also raises a plain ``Exception``, for example after 15 s without a local node (its issue 65983).
             except Exception as error:
                 ray.shutdown()
                 if address != "local" or number == TRIES - 1:
@@ -309,5 +309,5 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Return environment variables that may affect a job's result or limit libraries to one thread."""
+    """Return the environment variables that may affect the result of a job or limit libraries to one thread."""
     return {**{name: value for name, value in os.environ.items() if name.startswith("GENSIM2_")}, **SINGLE_THREADED}
