@@ -17,7 +17,9 @@ from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 _STATES = 200
 """Number of stored past arm states, from which the arm's position at the time of an image is interpolated."""
 FORCE_MEMORY = 1.0
-"""Time constant (s) of a past contact force's effect; without it an arm that gave way would press again."""
+"""Time constant (s) with which the effect of a past contact force fades. Without this memory, an arm that gave way
+would press again.
+"""
 
 
 class LimitedArm:
@@ -91,7 +93,9 @@ class LimitedArm:
             self.stop()
 
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
-        """Send and return the next command towards the requested joints, changed to respect all limits.
+        """Send the next command towards the requested joints and return it.
+
+        The command is changed so that it respects all limits.
 
         Args:
             q: (m,) requested joints, rad or m.
@@ -109,7 +113,9 @@ class LimitedArm:
         return self._send(limit(self._sent, q, self.limits, state.force, measured, v, self._recent), gripper, t)
 
     def hold(self, t: float) -> Sent:
-        """Send the next command of the braking motion, checked with the last normal command; at rest its last position.
+        """Send the next command of the braking motion, which was checked with the last normal command.
+
+        An arm at rest gets its last position.
 
         Args:
             t: time at which the command is due, s.
@@ -124,7 +130,7 @@ class LimitedArm:
         return self._send(halt(self._sent), self._gripper, t)
 
     def stop(self) -> None:
-        """Stop the arm through its own controller; commands are refused until :meth:`begin` is called."""
+        """Stop the arm through its own controller. Commands are refused until :meth:`begin` is called."""
         self._driver.stand()
         self._sent = None
 
@@ -144,7 +150,7 @@ _SAME = 1e-6
 """Targets, or a command and the motion, that differ by at most this amount (rad or m) count as equal."""
 
 _PASSED = 2 * CYCLE
-"""A target closer than this (s) is dropped, so that a slightly late motion does not turn back."""
+"""A target that is closer than this (s) is dropped, so that a motion that is slightly late does not turn back."""
 
 _KEPT = 1.0
 """Time (s) for which the past motion is stored for comparison with the last command."""
@@ -156,10 +162,10 @@ _FITTED = 0.999
 class Streamer:
     """Plans a smooth motion through the targets; commands are samples of this motion.
 
-    It reaches targets no earlier than their times and rests shortly after the last; new targets extend it.
+    The motion reaches targets at their times or later, and rests shortly after the last target. New targets extend it.
 
     Args:
-        limits: joint limits of the motion; limits of tool and workspace are checked for each command.
+        limits: joint limits of the motion. The limits of the tool and of the workspace are checked for each command.
 
     Attributes:
         late: number of targets that were dropped because they arrived too late.
@@ -167,8 +173,8 @@ class Streamer:
 
     def __init__(self, limits: ArmLimits) -> None:
         self._limits = limits
-        # A command's velocity is the motion's in the middle of the cycle, but its limit is that of the position at the
-        # end, so the motion must respect the limits half a cycle ahead.
+        # The velocity of a command is the motion's velocity in the middle of the cycle, but its limit is the limit at
+        # the position at the end. Therefore the motion must respect the limits half a cycle ahead.
         braking = limits.braking
         self._braking = None if braking is None else braking.ahead(0.5 * CYCLE).scaled(_FITTED).rows()
         self._motion: kpam.Trajectory | None = None
@@ -203,7 +209,8 @@ class Streamer:
         if len(rows) == 1:
             return True
         stretch = np.diff(times)
-        # The velocity at the last target is that between the last two, even passed ones; 0 if equal or single.
+        # The velocity at the last target is the velocity between the last two targets, even if they have passed. It is
+        # 0 if they are equal or if there is only one target.
         before, last = self._newest[0], self._newest[-1]
         rows.append(rows[-1] + self._rest(rows[-1], (last[1] - before[1]) / max(last[0] - before[0], CYCLE)))
         slowest = [*stretch, CYCLE]
@@ -230,7 +237,7 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) while braking from ``speed``, cut at the ends of the joint range."""
+        """Return the displacement (m,) while braking from ``speed``. It is cut at the ends of the joint range."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)
@@ -247,7 +254,7 @@ class Streamer:
         return self._motion is not None and bool(np.abs(self._motion.sample(now)[0] - sent.q).max() <= _SAME)
 
     def brake(self, now: float) -> float:
-        """Replace targets and motion by the fastest stop along the path; return its duration, s."""
+        """Replace the targets and the motion by the fastest stop along the path. Return the duration of the stop, s."""
         self._ahead, self._newest = [], []
         if self._motion is None:
             return 0.0

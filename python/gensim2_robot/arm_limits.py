@@ -18,7 +18,10 @@ from gensim2.robots.force import FORCE_LIMIT
 class Braking:
     """Velocity limits that depend on the joint position.
 
-    Limits: ``-offset + sqrt(gain (upper - q))`` up, ``-offset + sqrt(gain (q - lower))`` down, at least 0.
+    Velocity limits near the ends of the joint ranges.
+
+    The limits are ``-offset + sqrt(gain (upper - q))`` upwards and ``-offset + sqrt(gain (q - lower))`` downwards, and
+    0 at least.
 
     Attributes:
         upper, lower: (m,) positions at which the square root is 0, rad.
@@ -40,18 +43,21 @@ class Braking:
         return self._root(self.upper - q), self._root(q - self.lower)
 
     def ahead(self, seconds: float) -> Braking:
-        """Return limits with which a joint respects the original ones ``seconds`` later.
+        """Return limits with which a joint respects the original limits ``seconds`` later.
 
-        A joint with velocity v comes closer to its end by ``v * seconds``, so with the distance ``room`` the limit
-        solves ``v = -offset + sqrt(gain (room - v seconds))``: the same form with larger ``offset`` and ``upper`` and
-        smaller ``lower``.
+        A joint with the velocity v comes closer to its end by ``v * seconds``. With the distance ``room``, the limit
+        therefore solves ``v = -offset + sqrt(gain (room - v seconds))``. The solution has the same form, with larger
+        ``offset`` and ``upper`` and smaller ``lower``.
         """
         offset = self.offset + 0.5 * self.gain * seconds
         room = (offset**2 - self.offset**2) / self.gain
         return Braking(self.upper + room, self.lower - room, self.gain, offset)
 
     def range(self) -> tuple[Array, Array]:
-        """Return each joint's lowest and highest useful position (m,), rad, where its limit is ``0.1 * offset``."""
+        """Return the lowest and highest useful position (m,) of each joint, rad.
+
+        There, the limit is ``0.1 * offset``.
+        """
         room = (1.1 * self.offset) ** 2 / self.gain
         return self.lower + room, self.upper - room
 
@@ -87,7 +93,7 @@ TOOL_SPEED = 1.7
 JUMP = 0.2
 """Default maximum distance (rad or m) of an episode's first action from the arm's position."""
 LEASH = 0.04
-"""Maximum distance (rad or m) of a target from the arm at rest; in motion the drives' delay is added."""
+"""Maximum distance (rad or m) of a target from an arm at rest. In motion, the delay of the drives is added."""
 YIELDING = 0.5
 """Fraction of the force limit at which an arm no longer presses: its targets are then its measured position."""
 
@@ -103,7 +109,7 @@ _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 class ArmLimits:
     """Limits of every command to an arm.
 
-    Velocity limits are a fraction of the arm's maximum; acceleration and jerk are the maximum, for fast stops.
+    Velocity limits are a fraction of the arm's maximum. Acceleration and jerk are the arm's maximum, for fast stops.
 
     Attributes:
         lower, upper: (m,) position limits of the arm's joints, rad or m; they lie inside the joint ranges by a margin.
@@ -116,7 +122,8 @@ class ArmLimits:
         force: maximum contact force on the arm, N.
         leash: maximum distance (rad or m) between a target and the measured position of a joint. The limit keeps the
             force small if an obstacle blocks the arm. A measured contact force reduces the distance further.
-        jump: maximum distance (rad or m) of an episode's first target from the arm, and of any beyond the range.
+        jump: maximum distance (rad or m) of the first target of an episode from the arm, and of any target beyond the
+            joint range.
     """
 
     profile: RobotProfile
@@ -170,7 +177,7 @@ class ArmLimits:
         range_lower, range_upper = model.lower[columns], model.upper[columns]
         lower, upper = range_lower + margin, range_upper - margin
         braking = FR3.scaled(speed) if profile.solver.get("limits") == "fr3" else None
-        # The FR3 is very slow near the ends of a range, so exclude these positions.
+        # The FR3 is very slow near the ends of a joint range. Therefore these positions are excluded.
         if braking is not None:
             lowest, highest = braking.range()
             lower, upper = np.maximum(lower, lowest), np.minimum(upper, highest)
@@ -221,7 +228,7 @@ class ArmLimits:
 
         Args:
             q, v: (N, m) or (m,) positions and velocities of the commands.
-            slack: tolerance of velocities for rounding: a fraction of the limit, plus rad/s.
+            slack: tolerance of velocities for rounding, as a fraction of the limit, plus rad/s.
         """
         if self.braking is None:
             return True
@@ -256,7 +263,7 @@ class ArmLimits:
         return joints
 
     def whole(self, arm: Array) -> Array:
-        """Return all joints (N, n) for arm positions (N, m), fingers open, which needs the most space."""
+        """Return all joints (N, n) for arm positions (N, m). The fingers are open, which needs the most space."""
         rows = np.tile(self._open, (len(arm), 1))
         rows[:, list(self.profile.arm_columns)] = arm
         return rows
@@ -266,6 +273,6 @@ class ArmLimits:
         return np.asarray(self.profile.model.forward_kinematics(self.whole(arm), self.profile.tool_link)[:, :3, 3])
 
     def is_clear(self, arm: Array) -> bool:
-        """Return whether all N joint configurations (N, m) keep the clearance from links and table."""
+        """Return whether all N joint configurations (N, m) keep the clearance between the links and from the table."""
         distance = np.asarray(self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3))
         return bool((distance >= self.clearance).all())

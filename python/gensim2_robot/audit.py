@@ -1,4 +1,7 @@
-"""Check sent commands by finite differences and the ray caster's kinematics, without the limits' code."""
+"""Check sent commands by finite differences and by the kinematics of the ray caster.
+
+The code of the limits is not used.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """Return how many successive commands (m,), from rest and a cycle apart, exceed a limit."""
+    """Return how many commands exceed a limit.
+
+    The commands (m,) follow each other at intervals of one cycle and start at rest.
+    """
     if not commands:
         return 0
     q = np.array(commands)

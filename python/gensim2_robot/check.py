@@ -23,7 +23,7 @@ WAKE_UPS = 100
 
 
 def check(robot_name: str, folder: Path) -> list[dict[str, Any]]:
-    """Run all checks; return each one's name, whether it passed, and a finding in words.
+    """Run all checks. Return the name of each check, whether it passed, and a finding in words.
 
     Args:
         folder: folder in which a run would write its log.

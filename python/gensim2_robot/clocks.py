@@ -31,7 +31,7 @@ class Clock(Protocol):
         ...
 
     def punctual(self) -> AbstractContextManager[str]:
-        """Let this thread wake up promptly within the block; yield the scheduling policy."""
+        """Let this thread wake up promptly within the block. Yield the scheduling policy."""
         ...
 
 
@@ -48,8 +48,9 @@ class MachineClock:
     def punctual(self) -> Iterator[str]:
         """Let this thread run with as little delay as possible within the ``with`` block.
 
-        The thread gets real-time priority if permitted (``ulimit -r``), Python threads switch at shorter intervals
-        (``sys.setswitchinterval``), and garbage collection, which would take 0.1 s, skips the objects of the start.
+        The thread gets real-time priority if this is permitted (``ulimit -r``). Python threads switch at shorter
+        intervals (``sys.setswitchinterval``). Garbage collection, which would take 0.1 s, skips the objects that exist
+        at the start.
 
         Yields:
             The scheduling policy of the operating system: ``fifo`` with real-time priority, ``other`` without it.

@@ -36,8 +36,8 @@ class CameraSource:
     """Source of camera images: the kind of the source, and its devices or files.
 
     Attributes:
-        kind: ``simulated``: ray casting; ``software``: also through software devices of ``pyrealsense2``;
-            ``recording``: recordings of RealSense devices or logs; ``realsense``: real cameras.
+        kind: ``simulated``: ray casting; ``software``: ray casting that passes through software devices of
+            ``pyrealsense2``; ``recording``: recordings of RealSense devices or logs; ``realsense``: real cameras.
         devices: recording, log folder or serial number of each camera, by camera name; empty for simulated cameras.
     """
 
@@ -71,7 +71,7 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of simulated devices with a simulated clock: ranges (s), of which each episode draws a value.
+    """Delays of simulated devices with a simulated clock. Each is a range (s) from which every episode draws a value.
 
     Attributes:
         camera: delay from the exposure of an image to its arrival.
@@ -120,8 +120,8 @@ class LineConfig:
         arm: ``simulated``, ``franka:HOST``, ``panda:HOST``, ``ur:HOST`` or ``xarm:HOST``.
         cameras: as in :meth:`CameraSource.parse`. Recordings require a dry run with a simulated arm.
         policy: checkpoint, URL of a policy server (``ws://host:port``), or name of a controller; None: the planner.
-        scene_source: the planner's scene: ``"true"``: the simulator's state; ``"perceived"``: the package's estimate
-            from the cameras' clouds; else the folder of an estimator.
+        scene_source: scene of the planner. ``"true"``: state of the simulator; ``"perceived"``: the package's estimate
+            from the point clouds of the cameras; otherwise the folder of an estimator.
         deadline: time limit for an action from a policy server, s.
         speed: fraction of the arm's maximum speed; control steps take longer in proportion.
         margin: minimum distance (rad) of joints from the ends of their range.

@@ -31,7 +31,8 @@ class ArmState:
         q: (n,) positions of all active joints, rad or m.
         v: (n,) velocities, rad/s or m/s.
         force: contact force, N.
-        mode: ``"reflex"``: stopped by its own safety; ``"refusing"``: no commands; ``"at-limit"``: a limit of its own.
+        mode: ``"reflex"``: the arm's own safety has stopped it; ``"refusing"``: it accepts no commands; ``"at-limit"``:
+            it is at a limit of its own.
         reason: reason for the mode, as reported by the arm's library; may be empty.
     """
 
@@ -83,7 +84,7 @@ class ArmDriver(Protocol):
         ...
 
     def stand(self) -> None:
-        """Stop the arm through its own controller; targets are refused until the next episode starts."""
+        """Stop the arm through its own controller. Targets are refused until the next episode starts."""
         ...
 
     def close(self) -> None:
@@ -95,7 +96,7 @@ class CameraDriver(Protocol):
     """Interface of a connection to cameras. Its methods never block.
 
     Attributes:
-        cameras: cameras with poses in the frame of their link, or in the base frame.
+        cameras: cameras with their poses, in the frame of their link or in the base frame.
         serials: expected serial number by camera name; cameras that are not listed are not checked.
     """
 

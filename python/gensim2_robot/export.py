@@ -48,7 +48,8 @@ GREY = {"r": 0.8, "g": 0.8, "b": 0.8, "a": 1.0}
 def export(folder: Path, out: Path) -> dict[str, Any]:
     """Write a video of a log, a picture of three moments, and a Foxglove file with a layout.
 
-    The picture shows a sixth, a half and five sixths of the first episode's motion, or of its time without motion.
+    The picture shows three instants: a sixth, a half and five sixths of the motion of the first episode. If nothing
+    moves, they are parts of its duration.
 
     Args:
         folder: folder of the log.
@@ -112,7 +113,7 @@ class _Film:
         self._q: npt.NDArray[np.float64] | None = None
         self._motion = 0.0
         self._motions: list[float] = []  # motion of the joints before each time in self.times, rad
-        # Camera whose first image arrives last; frames are made at the times of its images.
+        # Camera whose first image arrives last. Frames are made at the times of its images.
         self._last = ""
 
     def look(self, message: AnyMessage) -> None:
@@ -192,9 +193,9 @@ def _line(text: str, width: int) -> Frame:
 class _Foxglove:
     """Writes the messages of a log as JSON, in schemas that Foxglove can display.
 
-    Topics are ``/camera/<name>`` (CompressedImage), ``/cloud`` (PointCloud), ``/tf`` (link poses, base frame:
-    FrameTransforms), ``/robot`` (links' hulls: SceneUpdate), and values to plot: ``/arm``, ``/sent``, ``/answer``,
-    ``/watch`` and ``/clocks``.
+    The topics are ``/camera/<name>`` (CompressedImage), ``/cloud`` (PointCloud), ``/tf`` (FrameTransforms with the
+    poses of the links in the base frame), ``/robot`` (SceneUpdate with the hulls of the links), and values to plot:
+    ``/arm``, ``/sent``, ``/answer``, ``/watch`` and ``/clocks``.
     """
 
     def __init__(self, stream: BinaryIO) -> None:

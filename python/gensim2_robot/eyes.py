@@ -28,7 +28,9 @@ THROUGH_SHARE = 0.3
 THROUGH_PIXELS = 1.0 / 400.0
 """Minimum fraction of an image that the robot must cover for a check of the camera pose."""
 OUTLINE = 1.0 / 100.0
-"""Width of the robot's outline, a fraction of the image's; not checked, because small errors move it off the robot."""
+"""Width of the robot's outline as a fraction of the width of the image. It is not checked, because small errors move it
+off the robot.
+"""
 
 
 class CameraPoseError(GenSim2Error):
@@ -88,7 +90,7 @@ class OwnPoints:
             q: (n,) all active joints at the time of the image.
 
         Raises:
-            CameraPoseError: measured points lie behind the robot, so the camera's pose is wrong.
+            CameraPoseError: measured points lie behind the robot, so the pose of the camera is wrong.
         """
         metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
@@ -106,7 +108,10 @@ class OwnPoints:
 def require_robot(
     camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
 ) -> None:
-    """Raise an error if points lie behind the robot's surface, which would hide them; objects before it are allowed."""
+    """Raise an error if points lie behind the robot's surface, which would hide them.
+
+    Points in front of it are allowed.
+    """
     reach = 2 * max(1, round(OUTLINE * depth.shape[1])) + 1
     farthest = maximum_filter(np.where(ids > 0, meshes, np.inf), reach)
     covered = np.isfinite(farthest) & (depth > 0)
@@ -142,7 +147,7 @@ PIXELS = 320 * 240
 
 
 def thinned(camera: Camera, pixels: float = PIXELS) -> tuple[Camera, int]:
-    """Keep a camera's every n-th row and column, with the largest n that leaves ``pixels`` pixels.
+    """Keep every n-th row and column of a camera, with the largest n that leaves at least ``pixels`` pixels.
 
     Args:
         camera: camera with full resolution.

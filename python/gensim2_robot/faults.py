@@ -71,7 +71,9 @@ class Fault:
 
 
 class FullDisk:
-    """A simulated disk. When it becomes full, the next write fails; then the log's freed reserve can be used.
+    """A simulated disk.
+
+    When it becomes full, the next write fails. Afterwards the space that the log had reserved can be used.
 
     Attributes:
         full: whether the disk is full.

@@ -54,7 +54,8 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     """Fit depth noise to those images of a log that show the arm at rest, and write the parameters to a file.
 
     Args:
-        base: noise with the stereo pair's geometry and the parameters that cannot be estimated.
+        base: noise model with the geometry of the stereo pair. It also has the values of parameters that cannot be
+            estimated.
 
     Returns:
         Plain data: the parameters, and the number of pixels from which each one was estimated.
@@ -139,7 +140,7 @@ class _Part:
         # The median is noisy at edges, so only pixels away from edges count as flat surfaces.
         inside = measured & (wide_far - wide_near < 2.0 * base.edge) & (wide_near > 0)
         self.edges = measured & (near > 0) & (far - near > base.edge) & (self._share > 0.2)
-        # The median's noise would change the surface angle by 0.1 rad and more between pixels.
+        # The noise of the median would change the surface angle by 0.1 rad and more between pixels.
         angle = incidence(gaussian_filter(self._median, SMOOTHED).astype(np.float32), recording.focal, base.edge)
         bright = brightness(recording.colors)
         self.dark = inside & (bright < base.dark)
@@ -166,7 +167,7 @@ class _Part:
         return float(np.sqrt(max(float(np.mean(variance)), 0.0))), int(which.sum())
 
     def correlation(self) -> tuple[float, int]:
-        """Return the blur's standard deviation (pixels) that correlates neighbouring errors, and the pixels used."""
+        """Return the standard deviation (pixels) of the blur that correlates errors, and the number of pixels used."""
         error, which = self._error, self.plain & (self._share > 0.5)
         if not which.any():
             return 0.0, 0
@@ -179,7 +180,7 @@ class _Part:
             share = covariance / max(variance, 1e-12)
             if 0.02 < share < 0.995:
                 found.append(lag / np.sqrt(-4.0 * np.log(share)))
-        # Without correlation none is found: a blur below a third of a pixel looks like none, so 0.
+        # A blur below a third of a pixel cannot be told from none. Without a measurable correlation the result is 0.
         return (float(np.mean(found)) if found else 0.0), int(which.sum())
 
     def lost(self, mask: npt.NDArray[np.bool_]) -> tuple[float, int]:
@@ -187,15 +188,17 @@ class _Part:
         return (float(1.0 - self._share[mask].mean()) if mask.any() else 0.0), int(mask.sum())
 
     def mixed(self) -> tuple[float, int]:
-        """Return the fraction of edge pixels with a depth between the edge's two sides, and the pixels used."""
+        """Return the fraction of edge pixels with a depth between both sides of the edge, and the number of pixels
+        used.
+        """
         if not self.edges.any():
             return 0.0, 0
         near, far = (each[self.edges] for each in _window(self._median, 1))
         depths = self._depths[:, self.edges]
         room = np.minimum(0.2 * (far - near), 0.02)
         between = (depths > near + room) & (depths < far - room)
-        # A mixed depth shows if it differs from both sides by more than ``room``: of uniformly distributed ones the
-        # fraction ``shows``, for which the division corrects.
+        # A mixed depth is recognized if it differs from both sides by more than ``room``. Of uniformly distributed
+        # mixed depths, this is the fraction ``shows``. The division corrects for it.
         shows = (far - near - 2.0 * room) / (far - near)
         return float(np.mean(between.mean(axis=0) / shows)), int(self.edges.sum())
 

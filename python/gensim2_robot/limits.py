@@ -1,10 +1,10 @@
 """Check and limit every command to an arm.
 
-For every command, a complete stop from it is computed and checked: positions, velocities, accelerations, jerks, the
-tool's speed and workspace, and distances of links and table.
+For every command, a complete stop from it is computed. The command and its stop are checked: positions, velocities,
+accelerations, jerks, the tool's speed and workspace, and the distances of links and table.
 
-If it fails, commands between it and the last checked stop are checked, and one that passes is sent; without one the arm
-continues that stop. So no request can make the arm exceed a limit.
+If the check fails, commands between this command and the last checked stop are checked, and one that passes is sent. If
+none passes, the arm continues the last checked stop. Therefore no request can make the arm exceed a limit.
 """
 
 from __future__ import annotations
@@ -54,10 +54,11 @@ class Commands:
 def _shapes(count: int) -> tuple[tuple[Array, Array, float, float], ...]:
     """Return acceleration profiles for stops that last ``count`` cycles.
 
-    A stop's acceleration is the present one, reduced linearly, plus a trapezoid that ends at zero and brakes.
+    The acceleration during a stop is the sum of two parts. The first is the present acceleration, which decreases
+    linearly. The second is a trapezoid that brakes and ends at zero.
 
     Returns:
-        For each trapezoid: linear values and trapezoid values (count, 1), and the sums of both.
+        For each trapezoid, the values of the linear part and of the trapezoid (count, 1), and the sums of both.
     """
     cycle = np.arange(1, count + 1, dtype=np.float64)
     away = (count - cycle) / count
@@ -175,7 +176,8 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
         The action (m + 1,), with the gripper command clipped to -1..1.
 
     Raises:
-        RefusedError: a wrong shape, not finite, too far outside the joint range, or a first target too far away.
+        RefusedError: the target has a wrong shape, is not finite or is too far outside the joint range, or it is the
+            first target and too far away.
     """
     try:
         given = np.asarray(action, dtype=np.float64)
@@ -211,7 +213,7 @@ def limit(
     v_measured: Array | None = None,
     recent: float = 0.0,
 ) -> Sent:
-    """Return the next command: the target if it respects all limits, else one towards it that does.
+    """Return the next command. It is the target if the target respects all limits, else a command towards it that does.
 
     This is a pure function.
 
@@ -225,7 +227,7 @@ def limit(
         recent: contact force (N) of the recent past, which reduces the leash like ``force``.
 
     Returns:
-        The command 10 ms after ``sent``, with its checked stop and the limits that changed it.
+        The command 10 ms after ``sent``. It has its checked stop and the limits that changed it.
 
     Raises:
         RefusedError: the target is not finite, or the contact force exceeds its limit.
@@ -273,7 +275,7 @@ def halt(sent: Sent) -> Sent:
         sent: the last command.
 
     Returns:
-        The command 10 ms after ``sent``, with empty ``clips``; at rest it repeats its position.
+        The command 10 ms after ``sent``, with empty ``clips``. At rest it repeats its position.
     """
     if not len(sent.stop):
         standing = np.zeros_like(sent.v)
@@ -291,7 +293,7 @@ def _finite(values: npt.ArrayLike, limits: ArmLimits) -> Array:
 
 
 def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]) -> Array:
-    """Return the next cycle's acceleration (m,) towards the target that still permits a stop."""
+    """Return the acceleration (m,) of the next cycle towards the target that still permits a stop."""
     inside = np.clip(wanted, limits.lower, limits.upper)
     if (inside != wanted).any():
         clips.append("position")
@@ -318,7 +320,10 @@ def _rate_towards(sent: Sent, wanted: Array, limits: ArmLimits, clips: list[str]
 
 
 def _checked(before: Array, q: Array, v: Array, a: Array, limits: ArmLimits, clips: list[str]) -> Commands | None:
-    """Return the stop after a command if both respect all limits; else None, with the limit in ``clips``."""
+    """Return the stop after a command if the command and the stop respect all limits.
+
+    Otherwise return None and add the limit to ``clips``.
+    """
     if (q < limits.lower - SLACK).any() or (q > limits.upper + SLACK).any():
         clips.append("position")
         return None

@@ -1,7 +1,10 @@
-"""Run an arm's control loop: receive states and images, request actions, send commands within the limits.
+"""Run the control loop of an arm.
 
-A cycle lasts 10 ms, a period ten cycles. In each, the loop requests the next period's actions from the controller, a
-policy or the planner. It makes periods one cycle shorter or longer until each request follows soon after new images.
+It receives states and images, requests actions, and sends commands within the limits.
+
+A cycle lasts 10 ms, and a period has ten cycles. In each period, the loop requests the actions of the next period from
+the controller, which is a policy or the planner. The loop makes periods one cycle shorter or longer until each request
+follows soon after new images.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ PERIOD = PERIOD_CYCLES * CYCLE
 LEAD = PERIOD
 """Minimum time from a request to its first action, s; the controller computes in this time."""
 BRAKING = PERIOD - 3.0 * CYCLE
-"""Maximum duration (s) of a stop along the path; on a bend, a stop off the path can be faster."""
+"""Maximum duration (s) of a stop along the path. On a bend, a stop off the path can be faster."""
 CATCH_UP = 0.1
 """Maximum delay (s) that the loop catches up by running the missed cycles; cycles of a larger delay are skipped."""
 FRESH_CYCLES = 3
@@ -100,15 +103,15 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the number of cycles (-1, 0 or 1) by which the current period should become longer.
 
-    Periods change until requests follow soon after new images, in the direction with fewer changes; they become shorter
-    if images would be too old.
+    The length of periods changes until requests follow soon after new images. It changes in the direction that needs
+    fewer changes. Periods become shorter if images would be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.
         latency: delay of an image, s.
         max_age: maximum age of an image at a request, s.
     """
-    # No shift soon after images, nor if they come less than once per period, when none helps.
+    # Do not shift if images are new enough. Shifting does not help either if images come less than once in a period.
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:
         return 0
     too_old = latency + PERIOD + 2 * CYCLE > max_age
@@ -133,8 +136,8 @@ class Line:
         done: whether the controller has ended the episode.
         refusal: reason why the controller has refused the episode; None if it has not refused the episode.
         in_phase: whether the requests are synchronized with the images (see :func:`phase_shift`).
-        stopped_ms: ms from the last hold or stop to the last moving command; None before.
-        standing_ms: ms from the last hold or stop to the measured standstill; None before.
+        stopped_ms: time (ms) from the last hold or stop to the last command that moves. None before.
+        standing_ms: time (ms) from the last hold or stop to the measured standstill. None before.
     """
 
     def __init__(
@@ -227,7 +230,7 @@ class Line:
             self._paused_at = self._clock.now()
 
     def go_on(self) -> None:
-        """Request actions again after :meth:`pause`, whose control steps count as executed."""
+        """Request actions again after :meth:`pause`. The control steps of the pause count as executed."""
         if self._paused_at is not None:
             self._steps += round((self._clock.now() - self._paused_at) * self.pace)
             self._paused_at = None
@@ -374,7 +377,10 @@ class Line:
         self.figures.acting_ms.append(answer.acting_ms)
 
     def _drive(self, due: float, now: float) -> None:
-        """Send this cycle's command: along the controller's actions, or braking, as the watchdog's state says."""
+        """Send the command of this cycle.
+
+        It follows the controller's actions or brakes, depending on the state of the watchdog.
+        """
         sent = self.arm.sent
         if sent is None:
             self._note_standing(now)

@@ -47,7 +47,7 @@ PATIENT = WatchRules(
 
 
 class LivePage:
-    """Web page that shows a run live, with a log's data; a separate thread draws the newest.
+    """Web page that shows a run live, with the data of a log. A separate thread draws the newest data.
 
     Args:
         robot_name: name of the robot.
@@ -56,7 +56,7 @@ class LivePage:
         port: port of the page; if the port is in use, the next free port is used.
 
     Attributes:
-        trouble: always None; a log reports failures here, for which the watchdog holds the arm.
+        trouble: always None. A log reports failures here, and the watchdog then holds the arm.
 
     Raises:
         InputError: a file of the robot cannot be used.
@@ -163,7 +163,10 @@ class LivePage:
             _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return tool positions (k, 3), m, after actions (k, m + 1); other joints keep their values in ``q`` (n,)."""
+        """Return the tool positions (k, 3), m, after actions (k, m + 1).
+
+        Other joints keep their values in ``q`` (n,).
+        """
         found = []
         for action in actions[np.isfinite(actions).all(axis=1)] if actions.ndim == 2 else ():
             if len(action) == self._profile.action_size:

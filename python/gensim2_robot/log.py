@@ -1,9 +1,10 @@
 """Log all observations, requests, answers, commands and watchdog states to MCAP files.
 
-A file of a given size is closed and a new one started; beyond the folder's limit the oldest are removed.
+When a file has a given size, it is closed and a new file is started. When the folder reaches its limit, the oldest
+files are removed.
 
-A full disk ends the log without damage, because space for closing a file is reserved in a file without a name, which
-the operating system removes even if the run is killed.
+A full disk ends the log without damage, because space for closing a file is reserved. It is reserved in a file without
+a name, which the operating system removes even if the run is killed.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Journal(Protocol):
 
 
 class Journals:
-    """Passes data on to several logs, and raises their errors.
+    """Object that passes data on to several logs and raises their errors.
 
     Args:
         several: logs, which get the data in this order.
@@ -138,7 +139,7 @@ class _Whole:
             self._file.seek(self._length)
             self._put(block)
         self._length += len(block)
-        # A log file without a name was deleted while open, so its content will be lost.
+        # A log file without a name was deleted while it was open, so its content will be lost.
         if os.fstat(self._file.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "the log file was removed")
         return len(block)

@@ -53,8 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # A shape may exceed the data: a ValueError, handled below, but an OverflowError for a huge count, which
-                # is limited.
+                # A shape may exceed the data. This gives a ValueError, which is handled below. A huge count would give
+                # an OverflowError instead, so it is limited.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory
@@ -76,7 +76,7 @@ def _whole(digits: str) -> int:
 
 
 def _array(kind: str, dimensions: int) -> AfterValidator:
-    """Return a validator for non-empty arrays of a ``dtype.kind`` or dtype name and some dimensions."""
+    """Return a validator for non-empty arrays of a ``dtype.kind`` or a dtype name, with this number of dimensions."""
 
     def check(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if kind not in (values.dtype.kind, values.dtype.name) or values.ndim != dimensions:
@@ -97,7 +97,10 @@ Joints = Annotated[np.ndarray, _array("f", 1), AfterValidator(_joint_count)]
 
 
 class LogMessage(BaseModel):
-    """Base class of messages; a mapping's arrays are stored as field and key joined: ``posed/left``."""
+    """Base class of messages.
+
+    An array in a mapping is stored under the names of the field and the key, such as ``posed/left``.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -107,9 +110,10 @@ class About(LogMessage):
 
     Attributes:
         language: instruction that was given to the policy.
-        pixels: images are reduced before observations, to at least this number of pixels; None: not, as in 0.1.
+        pixels: images are reduced before observations, to at least this number of pixels. None: they are not reduced,
+            as in 0.1.
         observation: observation spec of the policy, as returned by :meth:`ObservationSpec.to_dict`.
-        cameras: cameras in the log, those on a link with poses in its frame.
+        cameras: cameras in the log. The pose of a camera on a link is in the frame of the link.
         task, controller, arm, speed, margin, seed: settings of the run, for information only.
     """
 

@@ -1,6 +1,6 @@
-"""Read logs, which may be untrusted: sizes are checked before allocations, checksums before parsing.
+"""Read logs, which may be untrusted. Sizes are checked before allocations, and checksums before parsing.
 
-A killed run's log has no end record; it is read up to the last complete record.
+The log of a killed run has no end record. It is read up to the last complete record.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _packed(path: Path) -> Iterator[tuple[str, bytes]]:
                     raise _damaged(path, "its checksum is another")
                 ended = True
             checksum = zlib.crc32(content, zlib.crc32(struct.pack("<BQ", opcode, len(content)), checksum))
-            # After its data an MCAP file has a summary, which only repeats data.
+            # After its data, an MCAP file has a summary, which only repeats data.
             if not ended:
                 yield from read(opcode, content)
         if closed and not ended:
@@ -272,8 +272,9 @@ class LogReplay:
         compared: number of compared arrays.
         clouds: number of compared arrays that are point clouds.
         different: names of the arrays that differ, each with the number of its request. At most 1000 arrays are listed.
-        missing: requests not compared, because their images were removed or left the memory.
-        unclosed: files without an end record, of a killed run, compared as well.
+        missing: number of requests that were not compared, because their images were removed or are no longer in
+            memory.
+        unclosed: number of files without an end record, from a run that was killed. They are compared as well.
     """
 
     questions: int

@@ -1,5 +1,7 @@
-"""Connect a controller to an arm's control loop. The rollout loop, also used in simulation, asks for one action at a
-time; :class:`LineBody` collects them into the chunks that the control loop requests.
+"""Connect a controller to the control loop of an arm.
+
+The rollout loop, which simulation uses too, asks for one action at a time. :class:`LineBody` collects these actions to
+the chunks that the control loop requests.
 """
 
 from __future__ import annotations
@@ -80,7 +82,8 @@ class ControllerAnswer:
         encoding_ms: time for computing the point cloud, ms; None without a cloud.
         acting_ms: computing time of the controller, ms.
         error: reason why there are no actions; None if there is no error.
-        refusal: why the controller ended the episode without a motion, such as what it sees instead; None otherwise.
+        refusal: reason why the controller ended the episode without a motion, such as an unexpected object. None
+            otherwise.
     """
 
     number: int
@@ -111,7 +114,10 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the spec of displayed and logged data: the controller's if it uses cameras, else all cameras."""
+    """Return the spec of the data that is displayed and logged.
+
+    It is the controller's spec if the controller uses cameras, and otherwise has all cameras.
+    """
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -120,8 +126,9 @@ class _OverError(GenSim2Error):
 
 
 class LineBody:
-    """Adapter between the control loop, which requests chunks, and the rollout loop: ``observe`` waits for a request,
-    ``step`` collects actions until the chunk is complete.
+    """Adapter between the control loop, which requests chunks, and the rollout loop.
+
+    ``observe`` waits for a request, and ``step`` collects actions until the chunk is complete.
 
     Args:
         spec: description of the controller.
@@ -136,7 +143,7 @@ class LineBody:
         next: message that ended the episode. ``observe`` has received this message while it waited for a request.
     """
 
-    # The rollout loop waits, because the arm's loop already measures delays.
+    # The rollout loop waits for the controller, because the arm's loop already measures delays.
     waits = True
 
     def __init__(
@@ -210,7 +217,7 @@ class LineBody:
         observation = self._eyes_of(spec).observe(sight)
         shown = observation
         if self._truth is not None and spec.is_proprioceptive:
-            # A planner uses no camera, but the log and the page show the cloud.
+            # A planner uses no camera, but the log and the page show the point cloud.
             shown = self._eyes_of(ObservationSpec(cameras=tuple(each.name for each in self._spec.cameras))).observe(
                 sight
             )
@@ -253,13 +260,16 @@ class LineBody:
 
 
 def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
-    """Return random unreachable actions, sometimes of the wrong size, for the fault ``policy-garbage``."""
+    """Return random unreachable actions, some of the wrong size, for the fault ``policy-garbage``."""
     draw = rng(0, "garbage", number)
     return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
 
 def _refusal(controller: Controller) -> str | None:
-    """Return why, with measured values, a controller refuses to act without seeing the objects, or None."""
+    """Return the reason, with measured values, why a controller refuses to act without seeing the objects.
+
+    Return None if it does not refuse.
+    """
     refused = next((each for each in events_of(controller) if each.what == Cause.OBJECT_NOT_SEEN), None)
     if refused is None:
         return None

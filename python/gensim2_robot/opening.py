@@ -157,7 +157,7 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
                 raise InputError(problem, field="fault", remedy=f"give --cameras {SIMULATED}")
     calibration = None
     if config.calibration is not None:
-        # A real camera's image size is known, and compared, only when it is opened.
+        # The image size of a real camera is known and compared only when the camera is opened.
         asked = cameras if source.is_rendered else ()
         calibration = read_calibration(config.calibration, given.scene.robot, asked, days=config.calibration_days)
     elif not source.is_rendered and not config.dry:
@@ -276,7 +276,7 @@ def about_line(prepared: Prepared, believed: tuple[Camera, ...]) -> About:
 
     Args:
         prepared: checked inputs.
-        believed: cameras with the poses in use, which may differ from true ones in simulation.
+        believed: cameras with the poses that are used. In simulation, they may differ from the true poses.
     """
     config, given, controller = prepared.config, prepared.given, prepared.controller
     try:
@@ -302,7 +302,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     if policy is None:
         rollout = given.rollout
         if config.scene_source != TRUE_SCENE:
-            # The noise model's name makes the planner filter stray points; it adds noise only to rendered images.
+            # The name of a noise model makes the planner filter stray points. It adds noise only to rendered images.
             rollout = replace(rollout, scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
         # The arm executes a plan at the fraction ``speed`` of the planned speed.
         strategies = slow_in_contact(given.strategies, CONTACT_SPEED / config.speed)
@@ -388,7 +388,7 @@ def _real(prepared: Prepared, spec: MindSpec, cameras: ProcessCameras, mind: Min
 
 @contextlib.contextmanager
 def interruptions() -> Iterator[list[int]]:
-    """Collect stop signals (Ctrl-C, SIGTERM) in the yielded list, so that the program can first stop the arm."""
+    """Collect stop signals (Ctrl-C, SIGTERM) in the yielded list, so that the program can stop the arm first."""
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came

@@ -1,4 +1,4 @@
-"""Exchange data with device processes: messages through pipes, images through shared memory."""
+"""Exchange data with device processes. Messages go through pipes, and images through shared memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gensim2.perception import Camera
 from gensim2_robot.devices import CameraFrame
 
 MAX_WAITING = 500
-"""Maximum number of messages that wait beyond the kernel's buffer; the loop sends 100 per second."""
+"""Maximum number of messages that wait in addition to those in the kernel's buffer. The loop sends 100 per second."""
 CHUNK = 1 << 16
 MAX_CHUNKS = 256
 """Maximum number of bytes and of reads in one poll, so that a flood of messages does not delay the loop."""
@@ -36,8 +36,8 @@ class DeviceGoneError(GenSim2Error):
 class MessagePipe:
     """One end of a pipe between two processes. The methods of this class never block.
 
-    It replaces ``Connection``, which can wait forever for a suspended process: ``send`` for a full buffer, ``recv`` for
-    the rest of a message. The other end may still be one.
+    The pipe replaces ``Connection``, which can wait forever for a suspended process: ``send`` if the buffer is full,
+    and ``recv`` for the rest of a message. The other end may still be a ``Connection``.
 
     Args:
         connection: connection of this end.
@@ -148,7 +148,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """Image in shared memory, valid until the slot is returned; fields as in :class:`CameraFrame`."""
+    """Image in shared memory. It is valid until its slot is returned. Its fields are as in :class:`CameraFrame`."""
 
     camera: str
     slot: int
@@ -160,10 +160,11 @@ class SharedPicture:
 class PictureSlots:
     """Gives a process access to images in shared memory. The memory is divided into slots, each for one image.
 
-    A slot belongs to the writer, which fills it and sends a message, then to the reader until it returns the slot.
+    A slot first belongs to the writer, which fills it and sends a message. Then it belongs to the reader until it
+    returns the slot.
 
-    The creator sends the memory's name; the other process opens the memory and deletes the name, so that the memory is
-    freed with its last process, even if that is killed.
+    The creator sends the name of the memory. The other process opens the memory and deletes the name. The memory is
+    thus freed together with its last process, even if this process is killed.
     """
 
     def __init__(self, cameras: Sequence[Camera], memory: SharedMemory) -> None:
@@ -182,7 +183,9 @@ class PictureSlots:
 
     @classmethod
     def make(cls, cameras: Sequence[Camera]) -> tuple[PictureSlots, Room]:
-        """Create shared memory; return this process's access, and a description for opening it in another.
+        """Create shared memory.
+
+        Return the access of this process, and a description with which another process can open the memory.
 
         Raises:
             GenSim2Error: the machine has too little shared memory.
@@ -191,7 +194,8 @@ class PictureSlots:
         try:
             memory = SharedMemory(create=True, size=size)
             try:
-                # Allocate now: on a full /dev/shm a later write would kill the loop with SIGBUS.
+                # Allocate the memory now. Otherwise, if /dev/shm is full, a later write would kill the loop with
+                # SIGBUS.
                 os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
             except OSError:
                 memory.close()

@@ -1,6 +1,7 @@
-"""Run simulated arm and controller in processes with the machine's clock; nothing here blocks its caller.
+"""Run a simulated arm and its controller in processes with the machine's clock. Nothing here blocks its caller.
 
-On a stop signal to the group, only the supervising process reacts: it stops the arm, then ends the others.
+If the process group gets a stop signal, only the supervising process reacts. It stops the arm and then ends the other
+processes.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class DeviceProcess:
 
     Args:
         what: name of the process for error messages.
-        target: function of the process, called with the pipe's end and ``arguments``; its GenSim2Error is sent back.
+        target: function of the process, which is called with the end of the pipe and ``arguments``. Its GenSim2Error is
+            sent back.
         arguments: arguments of ``target``.
     """
 
@@ -96,8 +98,8 @@ class DeviceProcess:
     def close(self) -> list[Any]:
         """End the process within four seconds, by force if necessary, and return the messages that were not read yet.
 
-        An unread message may describe unopened shared memory, which the caller must still open: this deletes its name,
-        without which it would not be freed.
+        A message that was not read may describe shared memory that is not open yet. The caller must still open this
+        memory: this deletes its name, and it would not be freed otherwise.
         """
         self.tell(None)
         self._process.join(timeout=ENDING)
@@ -263,7 +265,7 @@ class ProcessMind:
         self._gone = False
 
     def send(self, message: Begin | Question) -> None:
-        """Send an episode's start or a request; a request without free slots for its images is dropped."""
+        """Send the start of an episode or a request. A request is dropped if there are no free slots for its images."""
         if isinstance(message, Begin):
             self._process.tell(message)
             return

@@ -73,7 +73,9 @@ class GivenActions:
 
 
 class Puppet:
-    """Control loop in a thread that follows another program's joint targets, each within 0.1 s if possible.
+    """Control loop in a thread that follows the joint targets of another program.
+
+    It reaches each target within 0.1 s if possible.
 
     If no target arrives for 200 ms while the arm moves, the watchdog holds the arm, as it does with any controller.
 

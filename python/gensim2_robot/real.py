@@ -43,7 +43,8 @@ class ProcessCameras:
 
     Raises:
         GenSim2Error: ``make`` raised a GenSim2Error, which is raised again.
-        DeviceGoneError: ``make`` failed, the process ended, no opening within 60 s, or a stop signal.
+        DeviceGoneError: ``make`` failed, the process ended, the cameras did not open within 60 s, or there was a stop
+            signal.
     """
 
     def __init__(self, make: Callable[..., Any], *arguments: Any, interrupted: Sequence[int] = ()) -> None:
@@ -206,7 +207,10 @@ def logged_cameras(source: CameraSource, cameras: Sequence[Camera]) -> LoggedCam
 
 
 class ByHand:
-    """A real scene that a person arranges and judges; goal and rest are unknown to the program."""
+    """A real scene that a person arranges and judges.
+
+    The program does not know whether the goal is met or the scene is at rest.
+    """
 
     is_ready = True
     goal: bool | None = None

@@ -43,7 +43,7 @@ def _said(arm: object) -> str:
 
 
 class SceneStage(Protocol):
-    """Interface for an episode's scenes: arranges the next scene and reports the goal if it can."""
+    """Interface for the scenes of episodes. It arranges the next scene and reports the goal if it can."""
 
     @property
     def is_ready(self) -> bool:
@@ -72,7 +72,8 @@ class Devices:
     Attributes:
         arm, cameras, mind, clock: arm, cameras, controller and clock of the loop.
         stage: arranges the scene of each episode.
-        failing: function that injects a fault, by kind (a fault's first word, such as ``camera``); empty if real.
+        failing: function that injects a fault, by kind, which is the first word of a fault, such as ``camera``. Empty
+            for real devices.
     """
 
     arm: ArmDriver
@@ -181,8 +182,9 @@ class Session:
 
         Args:
             seconds: time limit, s.
-            layouts: scenes, each taken after the previous episode, so that it can depend on its result.
-            goal_ends: whether a goal that holds for some time, and after settling, ends an episode.
+            layouts: scenes. The next scene is taken after the previous episode, so it can depend on the result of that
+                episode.
+            goal_ends: whether an episode ends when the goal has held for some time and still holds after settling.
             ended: callback that is called after each finished episode.
         """
         try:
@@ -259,12 +261,13 @@ class Session:
     def _episode(self, end: float, goal_ends: bool, ended: Callable[[Ended], None]) -> bool:
         """Run one episode, and return whether the run must end.
 
-        Results of complete episodes (controller done, goal reached, or episode's time limit) are added to
-        ``_outcomes``; not those that the watchdog or the run's time limit interrupts.
+        The results of complete episodes are added to ``_outcomes``. An episode is complete when the controller is done,
+        the goal is reached, or the episode's time limit is over. Episodes that the watchdog or the run's time limit
+        interrupts are not added.
         """
         line, clock, stage = self._line, self._devices.clock, self._devices.stage
         begun, held_since, lost = clock.now(), None, False
-        # As in a rollout, the episode's limit includes the time to settle after the goal.
+        # As in a rollout, the limit of an episode includes the time to settle after the goal.
         most = self._episode_limit - (MAX_SETTLE_SECONDS if goal_ends else 0.0)
         while True:
             self._cycle()
@@ -380,7 +383,10 @@ class Session:
         return held
 
     def _resumed(self) -> bool:
-        """Return whether a person has resumed the held arm; False at once without a person at the keyboard."""
+        """Return whether a person has resumed the held arm.
+
+        Return False at once if there is no person at the keyboard.
+        """
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False
@@ -423,7 +429,9 @@ class Session:
 def result(
     about: About, log: Path | None, watch: Watch, figures: LoopFigures, interrupted: Sequence[int]
 ) -> dict[str, Any]:
-    """Return a run's result as plain data, with the values of a run without episodes for the caller to replace.
+    """Return the result of a run as plain data.
+
+    It has the values of a run without episodes, which the caller replaces.
 
     Args:
         about: description of the loop.

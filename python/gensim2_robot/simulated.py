@@ -47,7 +47,7 @@ class Rows:
     Attributes:
         time: time of the state, s.
         episode: number of times that the world was reset before this state.
-        states: state as in ManiSkill's ``env_states``, with a first axis of length 1.
+        states: state in the form of ManiSkill's ``env_states``, with a first axis of length 1.
         q: (n,) all active joints.
     """
 
@@ -83,7 +83,9 @@ class SimulatedWorld:
         self._looked: Measurement | None = None
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Create a new scene; a refusing arm accepts commands again, unless the fault is permanent.
+        """Create a new scene.
+
+        An arm that refused commands accepts them again, unless the fault is permanent.
 
         Args:
             seed: seed of random values.
@@ -213,7 +215,8 @@ class SimulatedCameras:
     Args:
         cameras: cameras to simulate.
         seed: seed of the noise.
-        noise: noise model: depth noise of each image; constant errors of pose, depth and clock of each episode.
+        noise: noise model. Each image has its own depth noise. Errors of pose, depth and clock are constant in an
+            episode.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
@@ -244,7 +247,10 @@ class SimulatedCameras:
         self._episode = episode
 
     def take(self, rows: Rows) -> list[CameraFrame]:
-        """Return all cameras' images of one state; faults affect the first camera or exchange the first two."""
+        """Return the images of all cameras for one state.
+
+        Faults affect the first camera or exchange the first two cameras.
+        """
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -271,7 +277,10 @@ class SimulatedCameras:
         return [each for frame in found for each in self._faulty(frame)]
 
     def _exchanged(self, one: CameraFrame, other: CameraFrame) -> tuple[CameraFrame, CameraFrame]:
-        """Exchange two cameras' images, and their serial numbers unless the fault is ``camera-mislabelled``."""
+        """Exchange the images of two cameras.
+
+        Their serial numbers are exchanged, too, unless the fault is ``camera-mislabelled``.
+        """
         lie = "camera-mislabelled" in self.faults
         return tuple(
             replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)

@@ -1,4 +1,6 @@
-"""Decide whether an arm may move: a state machine of idle, armed, running, holding and stopped.
+"""Decide whether an arm may move.
+
+The watchdog is a state machine with the states idle, armed, running, holding and stopped.
 
 The watchdog is only a software stop; it is not safety-rated (see docs/guides/robot.md).
 """
@@ -45,8 +47,9 @@ class WatchRules:
         thinking: time limit for an answer of the controller while the arm stands still.
         late_answers: the arm is held after this number of consecutive answers in which all actions are too late.
         state_age: maximum age of the newest state received from the arm.
-        behind: maximum distance (rad or m) of joints from the nearest recent command, below ``pressed``.
-        pressed: contact force (N) that may mean an obstacle; a blocked arm is then held at the force limit only.
+        behind: maximum distance (rad or m) of the joints from the nearest recent command while the force is below
+            ``pressed``.
+        pressed: contact force (N) that may mean an obstacle. A blocked arm is then held only at the force limit.
         window: maximum age of the recent commands with which the arm's joints are compared.
         overrun: maximum tolerated delay of the start of a period.
         overruns: the arm is stopped after this number of consecutive delays that are larger than ``overrun``.
@@ -173,7 +176,8 @@ class Watch:
     def saw_frame(self, frame: CameraFrame, now: float) -> None:
         """Check a received image, and hold the arm if the image is faulty.
 
-        Cameras have noise, so images never repeat: an equal image is frozen, equal rows are a torn image.
+        Cameras have noise, so their images never repeat. An equal image means a frozen camera, and equal rows mean a
+        torn image.
         """
         expected = self.serials.get(frame.camera)
         if expected is not None and frame.serial != expected:
@@ -281,5 +285,5 @@ class Watch:
 
 
 def _told_apart(rows: npt.NDArray[np.uint16]) -> int:
-    """Return how many rows have ``TOLD_APART`` noisy measurements, which never repeat by chance."""
+    """Return the number of rows with at least ``TOLD_APART`` noisy measurements. Such rows never repeat by chance."""
     return int((np.count_nonzero(rows, axis=1) >= TOLD_APART).sum())

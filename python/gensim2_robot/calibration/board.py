@@ -1,4 +1,7 @@
-"""Calibrate a camera with a ChArUco board: ``A X = Z B`` in closed form, then minimal reprojection errors."""
+"""Calibrate a camera with a ChArUco board.
+
+``A X = Z B`` is solved in closed form, and then the reprojection errors are minimized.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +88,7 @@ class HandEye:
     Attributes:
         camera: (4, 4) pose of the camera, in the hand's frame if the hand carries the camera, else in the base frame.
         board: (4, 4) pose of the board, in the base frame if the hand carries the camera, else in the hand's frame.
-        residual_px, held_out_px: median reprojection error in the fit's images and in held-out ones.
+        residual_px, held_out_px: median reprojection error in the images of the fit, and in held-out images.
         residual_mm, held_out_mm: the same errors, converted from pixels to mm at the board's distance.
     """
 
@@ -116,7 +119,7 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
     Args:
         camera: camera with its intrinsics; images must be undistorted.
-        views: corners in 4 or more images, with the hand rotated about two axes or more.
+        views: corners in 4 or more images. The hand must be rotated about two axes or more.
         held_out: corners in 1 or more images for validation. The fit does not use these images.
         carried: True if the hand carries the camera and the board is fixed; False if the hand holds the board.
 
@@ -142,9 +145,13 @@ def hand_eye(camera: Camera, views: Sequence[Corners], held_out: Sequence[Corner
 
 
 def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
-    """Return X and Z of ``A_i X B_i = Z`` (Shah, 2013): rotations by one SVD, translations by least squares."""
+    """Return X and Z of ``A_i X B_i = Z`` (Shah, 2013).
+
+    One SVD gives the rotations, and least squares give the translations.
+    """
     K = sum((np.kron(b[:3, :3].T, a[:3, :3]) for a, b in zip(A, B, strict=True)), np.zeros((9, 9)))
-    # (B^T kron A) vec(X) = vec(Z), so K vec(X) = n vec(Z): singular vectors for the largest value.
+    # The equation is (B^T kron A) vec(X) = vec(Z), so K vec(X) = n vec(Z). Take the singular vectors of the largest
+    # value.
     U, values, Vt = np.linalg.svd(K)
     if len(A) - values[1] < 1e-3 * len(A):
         raise InputError("the hand was not rotated about two axes between the images", field="views")
@@ -154,7 +161,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, Array]:
         u, _, vt = np.linalg.svd(np.sign(np.linalg.det(M)) * M)
         rotations.append(u @ vt)
     RX, RZ = rotations
-    # R_A (R_X t_B + t_X) + t_A = t_Z, with known rotations, is a linear system for t_X and t_Z.
+    # With known rotations, R_A (R_X t_B + t_X) + t_A = t_Z is a linear system for t_X and t_Z.
     left = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A])
     right = np.concatenate([-a[:3, 3] - a[:3, :3] @ RX @ b[:3, 3] for a, b in zip(A, B, strict=True)])
     t = np.linalg.lstsq(left, right, rcond=None)[0]

@@ -28,7 +28,7 @@ class CameraCalibration(BaseModel):
 
     Attributes:
         serial: serial number of the device; empty if unknown.
-        method: ``"mesh"`` for a calibration with the robot's meshes, ``"board"`` with a board.
+        method: ``"mesh"`` for a calibration with the robot's meshes, ``"board"`` for a calibration with a board.
         link: link that carries the camera; None for a camera fixed in the base frame.
         pose: (4, 4) pose of the camera in the frame of the link or in the base frame, m.
         width, height, intrinsic: size (pixels) and intrinsic matrix of the images.

@@ -1,4 +1,7 @@
-"""Calibrate cameras from images of the robot: a coarse search, a fine fit, and validation on held-out images."""
+"""Calibrate cameras from images of the robot.
+
+A coarse search comes first, then a fine fit, and then a validation on held-out images.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,10 @@ class Pose:
     bias: float = 0.0
 
     def moved(self, step: Array, center: Array) -> Pose:
-        """Return the pose changed by ``step`` (8,): rotation about ``center`` (rad), translation (m), scale, bias."""
+        """Return the pose changed by ``step`` (8,).
+
+        A step has a rotation about ``center`` (rad), a translation (m), a depth scale and a depth bias.
+        """
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         T = self.T.copy()
         T[:3, :3] = turn @ T[:3, :3]
@@ -72,7 +78,8 @@ REACHES = (0.4, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02)
 def moved_pixels(depths: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.bool_]]:
     """Return, for each image, a mask (H, W) of the pixels in front of the background, without isolated pixels.
 
-    A pixel's background is its largest depth in all images; with more than three, the second largest.
+    The background of a pixel is its largest depth in all images. If there are more than three images, it is the second
+    largest depth.
     """
     ordered = np.sort(depths, axis=0)
     behind = ordered[-2] if len(depths) > 3 else ordered[-1]  # ignore the largest depth, which may be an outlier
@@ -108,7 +115,7 @@ class Coarse:
         self._expected = 0.6 * depth / self._small.intrinsic[0, 0] + float(expected_error(np.array(depth)))
 
     def best(self) -> Pose:
-        """Register from several start poses; return the pose with the points closest to the surfaces."""
+        """Register from several start poses. Return the pose at which the points are closest to the surfaces."""
         found: list[tuple[float, Pose]] = []
         for start in self.start_poses():
             pose = self.register(start)
@@ -118,10 +125,10 @@ class Coarse:
         return min(found, key=lambda each: each[0])[1]
 
     def start_poses(self) -> list[Pose]:
-        """Return the start poses for matching: the initial guess and changed copies.
+        """Return the start poses for matching, which are the initial guess and changed copies of it.
 
-        Copies are rotated by ``TURN`` about an axis, or not, and shifted so that the means of points and meshes match;
-        those with the lowest cost are returned.
+        A copy is rotated by ``TURN`` about an axis, or not rotated. It is shifted so that the means of points and
+        meshes match. The copies with the lowest cost are returned.
         """
         turned = []
         for rotvec in np.concatenate([np.zeros((1, 3)), TURN * np.eye(3), -TURN * np.eye(3)]):
@@ -144,7 +151,7 @@ class Coarse:
         return Pose(T)
 
     def register(self, start: Pose) -> Pose:
-        """Return the camera pose, found from ``start``, at which points and surfaces are closest."""
+        """Return the camera pose at which points and surfaces are closest. The search begins at ``start``."""
         pose = start
         for reach in REACHES:
             model = self._model(pose)
@@ -220,7 +227,7 @@ class Compared:
         sigma: (k,) expected standard deviations of the errors, m.
         measured: (k,) measured depth, m.
         links: (k,) indices of the links.
-        covered: pixels with measured depth on the robot's meshes, without edges and grazing angles.
+        covered: number of pixels with measured depth on the robot's meshes. Edges and grazing angles are left out.
         near: number of the ``covered`` pixels whose measured point is near the robot's surface.
     """
 
@@ -236,7 +243,7 @@ class Compared:
 
 
 def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, reach: float) -> Compared:
-    """Compare depths with the robot's meshes along the rays, without edges and grazing angles."""
+    """Compare depths with the robot's meshes along the rays. Edges and grazing angles are left out."""
     placed = placed_at(camera, pose)
     seen = surface.see(placed, view.q)
     depth = np.where(view.depth > 0, pose.scale * view.depth + pose.bias, 0.0)
@@ -264,7 +271,7 @@ def compare(surface: RobotSurface, camera: Camera, view: ArmView, pose: Pose, re
 
 
 def _inside(seen: RobotView) -> npt.NDArray[np.bool_]:
-    """Return a mask of the robot's pixels more than two pixels from any edge of its surface."""
+    """Return a mask of the pixels of the robot that are more than two pixels away from any edge of its surface."""
     there = np.isfinite(seen.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -289,7 +296,8 @@ def refine(
         draw: random generator that selects pixels.
 
     Returns:
-        The pose, and standard deviations (8,): rotation (3), translation (3), depth scale and bias.
+        The pose, and standard deviations (8,) of the rotation (3), the translation (3), the depth scale and the depth
+        bias.
     """
     sigma = np.full(8, np.inf)
     for reach in (0.05, 0.04, 0.03, 0.03, 0.02, 0.02, 0.02):
@@ -318,7 +326,7 @@ def refine(
         scale = max(1.0, 1.4826 * float(np.median(np.abs(r / s))))
         weights = tukey(r / s, scale) / s**2
         square = J.T @ (weights[:, None] * J)
-        # Errors of neighbouring pixels are correlated, so priors keep the scale near 1 and the bias near 0.
+        # The errors of neighbouring pixels are correlated. Therefore priors keep the scale near 1 and the bias near 0.
         square[6, 6] += 1.0 / SCALE_SIGMA**2
         square[7, 7] += 1.0 / BIAS_SIGMA**2
         pull = J.T @ (weights * r)
@@ -348,7 +356,8 @@ class MeshCalibration:
     Attributes:
         camera: camera with its pose in the base frame.
         scale, bias: true depth = ``scale`` * measured depth + ``bias`` (m).
-        residual_mm, held_out_mm: median distance of points from the meshes, in the fit's images and held-out ones.
+        residual_mm, held_out_mm: median distance of the points from the meshes, in the images of the fit and in
+            held-out images.
         links_mm: median distance on each link, in all images.
         seen: fraction of the robot's pixels in held-out images whose measured points are near the robot's surface.
         sigma_mm, sigma_deg: standard deviation of the pose, as estimated by the fit.

@@ -24,7 +24,9 @@ from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
-"""Maximum offset (rad) of a random pose's joints from the reset pose, resized to the arm's joints."""
+"""Maximum offset (rad) of the joints of a random pose from the reset pose. It is resized to the number of joints of the
+arm.
+"""
 LOWEST = 0.25
 """Minimum height (m) of the tool above the table, because the objects on the table are unknown."""
 STILL, UNMOVED_SECONDS = 0.02, 0.3
@@ -51,7 +53,7 @@ class Station:
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """Return a camera's median depth by pixel; 0 where at most half of the images have a measurement."""
+        """Return the median depth of a camera by pixel. It is 0 where at most half of the images have a measurement."""
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan
@@ -164,9 +166,9 @@ class _Walk:
 
 
 def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
-    """Read the poses at rest from a log, and up to ``pictures`` images of every camera for each.
+    """Read the poses at rest from a log. For each pose and camera, read up to ``pictures`` images.
 
-    The log is read twice: for the times at rest, then for the returned images only.
+    The log is read twice: first to find the times at rest, and then to read only the images that are returned.
 
     Raises:
         InputError: the log is missing or damaged, the arm never rests, or there are too many poses.

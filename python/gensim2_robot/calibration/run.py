@@ -31,7 +31,10 @@ from gensim2_robot.log_reader import about_of
 
 
 def displaced(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
-    """Return a camera rotated by ``degrees`` and shifted by ``metres`` about and along random directions."""
+    """Return a camera that is rotated by ``degrees`` and shifted by ``metres``.
+
+    The axis and the direction are random.
+    """
     axis, way = draw.normal(size=(2, 3))
     T = camera.T_base_camera.copy()
     turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
@@ -110,7 +113,8 @@ def calibrate_log(
         log: folder of the log, whose camera poses are the initial guesses.
         out: calibration file, which is written only if the calibration of every camera converges.
         board: board in the images; None: use the robot's meshes.
-        carried: only with a board: cameras on the arm and the board fixed, or the reverse.
+        carried: True if the cameras are on the arm and the board is fixed; False if the board is on the arm. Used only
+            with a board.
         seed: seed of random selections.
 
     Raises:
@@ -245,7 +249,7 @@ def _written(
         out: calibration file to write.
 
     Returns:
-        JSON data: robot, date, number of poses, report, whether all converged, and the file.
+        JSON data with the robot, the date, the number of poses, the report, whether all fits converged, and the file.
     """
     whole = len(cameras) == len(report)
     made = datetime.now(UTC)

@@ -86,7 +86,7 @@ class RobotSurface:
 
 
 def shrunk(camera: Camera, by: int) -> Camera:
-    """Return the camera with width and height divided by ``by``; a pixel covers ``by`` x ``by`` pixels."""
+    """Return the camera with width and height divided by ``by``. One of its pixels covers ``by`` x ``by`` pixels."""
     scale = np.diag([1.0 / by, 1.0 / by, 1.0])
     return replace(camera, width=camera.width // by, height=camera.height // by, intrinsic=scale @ camera.intrinsic)
 

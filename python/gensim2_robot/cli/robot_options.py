@@ -14,7 +14,7 @@ from gensim2.core.errors import InputError
 Pixels = Annotated[str, Option(metavar="WIDTHxHEIGHT")]
 Share = Annotated[float, Real(0.01, 1.0)]
 
-#: Options that select a scene, beside those of :class:`LineOptions`, without ``--redraw``.
+#: Options that select a scene, in addition to the options of :class:`LineOptions`, without ``--redraw``.
 SCENES = ("library", "seed", *(each for each in SCENE if each != "redraw"))
 
 

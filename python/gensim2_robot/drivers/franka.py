@@ -31,7 +31,7 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 
 
 class _FrankaHand(StreamedArm):
-    """Base class of the Franka drivers for the hand, whose interface both libraries share.
+    """Base class of the Franka drivers. It drives the hand, whose interface is the same in both libraries.
 
     Attributes:
         hand: gripper object of the library; None without a hand.
@@ -50,12 +50,12 @@ class _FrankaHand(StreamedArm):
             self.hand.move(0.5 * (command + 1.0) * self.width, GRIP_SPEED)
 
     def _measured(self, state: Any, ended: Exception | None, stopped: bool) -> tuple[Array, Array, float, ArmMode]:
-        """Return positions and velocities (7,), external force (N) and mode from a libfranka state.
+        """Return positions and velocities (7,), the external force (N) and the mode from a state of libfranka.
 
         Args:
             state: libfranka state.
             ended: exception with which the motion has ended; None if the motion continues.
-            stopped: whether the arm's own safety has stopped it: an exception is expected, and the mode says so.
+            stopped: whether the arm's own safety has stopped it. An exception is then expected, and the mode says so.
 
         Raises:
             DriverError: the motion has ended with an exception, and ``stopped`` is False.
@@ -68,7 +68,7 @@ class _FrankaHand(StreamedArm):
 
 
 class FrankaArm(_FrankaHand):
-    """Driver for a Panda or FR3 with ``franky``, whose joint impedance controller follows streamed positions.
+    """Driver for a Panda or FR3 with ``franky``. Its joint impedance controller follows the streamed positions.
 
     Each wheel of ``franky-control`` supports one version of the arm's server. The wheel on PyPI is for an FR3 with
     system 5.9 or newer. A Panda needs the wheel for server version 5 from the releases page of ``franky``.
@@ -134,9 +134,10 @@ class FrankaArm(_FrankaHand):
 
 
 class PandaPyArm(_FrankaHand):
-    """Driver for a Panda or FR3 with ``panda-python``, whose impedance controller follows streamed positions.
+    """Driver for a Panda or FR3 with ``panda-python``. Its impedance controller follows the streamed positions.
 
-    Each wheel of ``panda-python`` supports one server version, PyPI's the newest; an error names others.
+    A wheel of ``panda-python`` supports only one server version, and the wheel on PyPI supports the newest. An error
+    names other wheels.
 
     Args:
         host: address of the arm.
@@ -168,7 +169,7 @@ class PandaPyArm(_FrankaHand):
         except RuntimeError as error:  # any libfranka error
             raise DriverError(f"{host}: {error}") from error
         self._controller: Any = None
-        # A library thread reads the state between motions; the lock keeps ``_halt`` from interfering.
+        # A thread of the library reads the state between motions. The lock keeps ``_halt`` from interfering.
         self._reading = threading.Lock()
         self.start()
 
@@ -189,7 +190,7 @@ class PandaPyArm(_FrankaHand):
     def _write(self, q: Array, v: Array) -> None:
         if self._controller is None:
             if self._panda.get_state().robot_mode in self._stopped:
-                # Refuse: the library would recover the arm by itself, which only a person may.
+                # Refuse, because the library would recover the arm by itself, which only a person may do.
                 raise DriverError("the arm's own safety function has stopped the arm; a person must recover the arm")
             controller = self._controllers.JointPosition(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
             self._panda.start_controller(controller)  # the controller starts from the arm's current position

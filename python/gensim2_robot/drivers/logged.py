@@ -67,7 +67,9 @@ class LoggedCameras:
         self._later = {name: at - first[path] for name, path in self._logs.items()}
 
     def poll(self) -> Sequence[CameraFrame]:
-        """Return the images that are due, oldest first; of more than the buffer stores, the newest.
+        """Return the images that are due, oldest first.
+
+        If they are more than the buffer stores, return the newest ones.
 
         Raises:
             InputError: the log is damaged.

@@ -1,6 +1,7 @@
 """Read RealSense cameras and their recordings with ``pyrealsense2`` (extra ``realsense``); not tested on a camera.
 
-Sensors are opened one by one; ``syncer`` combines depth and colours. Recordings and software devices work alike.
+Sensors are opened one by one. ``syncer`` combines depth and colours. Recordings and software devices work in the same
+way.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def recorded(files: Mapping[str, Path]) -> dict[str, Any]:
 class RealSenseCameras:
     """Cameras that read RealSense devices. Colour images are aligned with the depth images.
 
-    A recording plays in a loop at its rate. Its time stamps are shifted from the past, by the shift of the image with
-    the smallest delay, which counts as captured on arrival.
+    A recording plays in a loop at its own rate. Its time stamps lie in the past and are shifted to the present. The
+    shift is that of the image with the smallest delay, which counts as captured on arrival.
 
     Args:
         cameras: names, image sizes and poses of the cameras; the intrinsics are read from the devices.
@@ -90,7 +91,8 @@ class RealSenseCameras:
         rate: frame rate, Hz; None: the highest rate that a device offers for both depth and colour.
 
     Attributes:
-        cameras: cameras with the devices' intrinsics, converted from pixel centres at integers to half integers.
+        cameras: cameras with the intrinsics of the devices, which are converted from pixel centres at integers to pixel
+            centres at half integers.
         serials: serial number that each device reported, by camera name.
 
     Raises:
@@ -198,7 +200,7 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) of all kinds of streams at the requested size; None without one."""
+        """Return the highest rate (Hz) that all kinds of streams have at the requested size. None if there is none."""
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):
@@ -208,9 +210,10 @@ class _Film:
 
     def _start(self) -> None:
         self._syncer = self._rs.syncer(QUEUE)
-        # The offset converts time stamps to the monotonic clock. Devices report system times. Recordings lie in the
-        # past, so it is estimated: each image gives an estimate too large by its delay, and the smallest is used, of
-        # several images, because the first are late on a busy machine.
+        # The offset converts time stamps to the monotonic clock. Devices report system times. The times of recordings
+        # lie in the past, so the offset is estimated. Each image gives an estimate that is too large by its delay, and
+        # the smallest estimate of several images is used. Several are needed, because the first images are late on a
+        # busy machine.
         self._offset: float | None = None if self._playback else time.monotonic() - time.time()
         with contextlib.ExitStack() as failed:
             for sensor, profiles in self._sensors:
@@ -249,7 +252,7 @@ class _Film:
 
 
 def _streams(sensor: Any, kinds: Mapping[Any, Any]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield profile, kind and video profile of each stream of a sensor with a wanted format.
+    """Yield profile, kind and video profile of each stream of a sensor that has a wanted format.
 
     Args:
         sensor: sensor of a RealSense device.
@@ -266,10 +269,11 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library, which delivers the images given to it.
+    """A software device of the RealSense library. It delivers the images that it is given.
 
     Args:
-        camera: camera with image size and intrinsics, converted from pixel centres at half integers to integers.
+        camera: camera with image size and intrinsics, which are converted from pixel centres at half integers to pixel
+            centres at integers.
         serial: serial number.
         rate: frame rate, Hz.
 
@@ -355,7 +359,7 @@ class SoftwareCameras:
 
         Args:
             frames: images to pass.
-            within: maximum time (s) to wait for as many images as were passed in; the next call returns later ones.
+            within: maximum time (s) to wait for as many images as were passed in. The next call returns later images.
         """
         for frame in frames:
             self._devices[frame.camera].give(frame)

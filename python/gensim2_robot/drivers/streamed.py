@@ -24,9 +24,11 @@ from gensim2_robot.devices import ArmMode, ArmState
 KEPT = 1000
 """Maximum number of arm states that wait to be polled."""
 SILENT = 0.15
-"""Time (s) without a target after which the arm stops; targets come every 10 ms, up to 0.1 s late."""
+"""Time (s) without a target after which the arm stops. Targets come every 10 ms, and may be up to 0.1 s late."""
 LEAST, MOST = 1.0, 3.0
-"""Cycles behind the newest target below which the arm slows down, and above which it speeds up by ``FASTER``."""
+"""Number of cycles behind the newest target. Below the first number the arm slows down; above the second it is faster
+by ``FASTER``.
+"""
 FASTER = 1.1
 """Playback speed (1 is real time) when the arm is too far behind, because late targets have arrived in a burst."""
 HALTING = 2.0
@@ -42,10 +44,10 @@ class DriverError(GenSim2Error):
 class StreamedArm(ABC):
     """Base class of arms that accept a stream of joint positions at their own rate.
 
-    The loop sends 100 targets per second, one in each cycle, between which a thread interpolates. The arm follows with
-    a delay of one to three cycles, so slightly late targets or bursts cause no stop and no jerk. Without further
-    targets it slows down to the last one and is soon stopped. A separate thread, because the library may block, sends
-    changed gripper commands.
+    The loop sends 100 targets per second, one in each cycle, and a thread interpolates between them. The arm follows
+    with a delay of one to three cycles, so targets that are slightly late or come in bursts cause no stop and no jerk.
+    Without further targets, the arm slows down to the last one and is soon stopped. Another thread sends changed
+    gripper commands, because the library may block.
 
     Args:
         rate: number of positions that the arm accepts per second.
@@ -105,7 +107,10 @@ class StreamedArm(ABC):
             self._halt()
 
     def _within(self, seconds: float, what: Callable[[], None]) -> None:
-        """Call the arm's library in a thread for at most ``seconds``; a longer call is reported as a failure."""
+        """Call the arm's library in a thread for at most ``seconds``.
+
+        A call that takes longer is reported as a failure.
+        """
         thread = threading.Thread(target=self._attempt, args=(what,), daemon=True)
         thread.start()
         thread.join(timeout=seconds)
@@ -208,7 +213,10 @@ class StreamedArm(ABC):
             self._attempt(lambda wanted=wanted: self._grip(wanted))
 
     def _attempt(self, what: Any) -> Any:
-        """Return the result of a library call; if it fails, None, with the reason for the next arm state."""
+        """Return the result of a call of the library.
+
+        If the call fails, return None. The reason is then in the next state of the arm.
+        """
         try:
             return what()
         except Exception as error:  # noqa: BLE001 - libraries raise any exception; the watchdog reacts to the state

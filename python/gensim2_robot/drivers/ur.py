@@ -26,7 +26,8 @@ class URArm(StreamedArm):
 
     Args:
         host: address of the arm.
-        grip: your function that moves the gripper to a command, -1 to 1, which RTDE cannot; None: no gripper.
+        grip: your function that moves the gripper to a command from -1 to 1, because RTDE cannot move it. None: no
+            gripper.
         rate: command rate, Hz: 500 for an e-Series, 125 for a CB3.
 
     Raises:

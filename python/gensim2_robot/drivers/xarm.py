@@ -26,7 +26,8 @@ class XArm(StreamedArm):
     Args:
         host: address of the arm.
         gripper: whether the arm has the manufacturer's gripper.
-        sensor: whether the arm has a force sensor; else the force is 0, and only its own detection stops it.
+        sensor: whether the arm has a force sensor. Without one the force is 0, and only the arm's own detection stops
+            it.
 
     Raises:
         MissingExtraError: ``xarm-python-sdk`` is not installed.

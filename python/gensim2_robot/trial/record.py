@@ -39,8 +39,8 @@ class PlacementRange(BaseModel):
     """Ranges from which the placement of one object is drawn.
 
     Attributes:
-        at: centre of the ranges: m in front of the robot's base, and m to its left.
-        x, y: ranges (m) of the offset, to the front and left; a number r stands for -r to r.
+        at: centre of the ranges: distance (m) in front of the robot's base, and distance (m) to its left.
+        x, y: ranges (m) of the offset to the front and to the left. A single number r stands for -r to r.
         yaw: maximum rotation about the vertical axis, degrees. An object is rotated towards the robot: objects to the
             left of the centre and objects to the right are rotated in opposite directions.
         openness: range of the openness (0 to 1) of the object's joint; None without a joint.
@@ -68,7 +68,8 @@ class Placed:
     Attributes:
         x: distance of the object in front of the robot's base, m.
         y: distance of the object to the left of the robot's base, m.
-        offset: from the ranges' centre: to the front (m), to the left (m), rotation about the vertical (rad).
+        offset: offset from the centre of the ranges: to the front (m), to the left (m), and rotation about the vertical
+            (rad).
         openness: openness (0 to 1) of the object's joint; None without a joint.
     """
 
@@ -313,7 +314,7 @@ def row_of(asked: TrialSettings, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def write_table(out: Path) -> dict[str, Any]:
-    """Write the table of all trials in subfolders of ``out``, as text and JSON; return it as plain data.
+    """Write the table of all trials in subfolders of ``out``, as text and as JSON. Return it as plain data.
 
     Raises:
         InputError: a folder is damaged.

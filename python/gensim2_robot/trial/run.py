@@ -45,7 +45,7 @@ class Person(Protocol):
         ...
 
     def judge(self, question: str, offered: bool | None) -> bool:
-        """Ask a yes-or-no question and return the answer; ``offered`` is the simulator's answer or None."""
+        """Ask a yes-or-no question and return the answer. ``offered`` is the simulator's answer or None."""
         ...
 
     def cause(self, causes: Sequence[str]) -> str:
@@ -78,7 +78,7 @@ class Terminal:
             return click.confirm(f"{question}{says}", default=offered, err=True)
 
     def cause(self, causes: Sequence[str]) -> str:
-        """Ask for the cause of a failure, a number from the list or free text, and return the cause."""
+        """Ask for the cause of a failure and return it. The answer is a number from the list or free text."""
         with self._asking():
             for number, cause in enumerate(causes, 1):
                 click.echo(f"  {number}  {cause}", err=True)
@@ -91,7 +91,7 @@ class Terminal:
 
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
-        """Prepare the terminal for a question; the arm is released, so Ctrl-C may end the program at once."""
+        """Prepare the terminal for a question. The arm is released, so Ctrl-C may end the program at once."""
         with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 
@@ -134,15 +134,15 @@ def trial(
 ) -> dict[str, Any]:
     """Run trials of one protocol, and write the table of all trials in ``out``.
 
-    Finished trials are kept. If the watchdog holds or stops a simulated arm, the trial failed and the next gets new
-    devices; a real arm ends the run, because a person must check it.
+    Finished trials are kept. If the watchdog holds or stops a simulated arm, the trial has failed and the next trial
+    gets new devices. A real arm ends the run in this case, because a person must check it.
 
     Args:
         out: output folder, with a subfolder for each task.
         verdict: who judges success: ``"person"`` or ``"simulator"``.
         person: person who lays out objects and judges; None if a simulator does both.
         resume: whether to continue the trials in the folder.
-        logged: whether to write logs, a new one whenever the devices are opened.
+        logged: whether to write logs. A new log is started whenever the devices are opened.
         name: name of the subfolder of ``out``; None: the task's name.
         keys: keyboard with which the person resumes or stops the arm.
         watching: additional receivers of the log's data, such as a web page.
