@@ -65,9 +65,7 @@ def _show_times(
 
     Args:
         result: result of the measurement; each entry of its ``rows`` becomes one row of the table.
-        heads: headings of the first columns.
         cells: function that returns the values of the first columns for an entry of ``rows``.
-        title: beginning of the title above the table.
     """
     stages = list(result["rows"][0]["p50"])
     rows = [

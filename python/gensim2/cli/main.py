@@ -22,7 +22,7 @@ from gensim2.cli.options import BAD_INPUT, FOUND_WRONG, NOT_RUN
 from gensim2.cli.typed import Option, parameters, summary
 from gensim2.core.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, Stopped, one_line
 
-#: Modules that belong to an optional extra.
+#: Modules of optional extras.
 EXTRAS = {
     **dict.fromkeys(("mani_skill", "sapien"), "sim"),
     **dict.fromkeys(("httpx2", "json_repair", "openai"), "llm"),
@@ -129,10 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """Exit the process with ``code``.
-
-    After the use of Ray, skip the exit handlers, which would change the code.
-    """
+    """Exit the process with ``code``. After the use of Ray, skip the exit handlers, which would change the code."""
     head = sys.modules.get("gensim2.core.processes.ray")
     if head is not None and head.left_waiting:
         sys.stderr.flush()
@@ -143,7 +140,7 @@ def _leave(code: int) -> NoReturn:
         try:
             sys.stderr.flush()
         except OSError:
-            sys.stderr = None  # Python would otherwise flush it once more, fail, and exit with code 120
+            sys.stderr = None  # Python would flush it again, fail, and exit with code 120
     sys.exit(code)
 
 
@@ -178,7 +175,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        # Click replaces KeyboardInterrupt by Abort. The cause, the KeyboardInterrupt, has the notes for the message.
+        # Click replaces KeyboardInterrupt by Abort, whose cause has the notes for the message.
         notes = getattr(error.__cause__ or error, "__notes__", ())
         return _fail("; ".join(("gensim2: interrupted; what was finished is kept", *notes)), exit_code(error))
     except SystemExit as error:  # Click raises no SystemExit here, so a library or the user's code has raised it.
@@ -191,7 +188,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         said = error.strerror or str(error)
         if error.filename is not None:
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
-                from gensim2.core.files import not_written  # imported here, because --help needs only click
+                from gensim2.core.files import not_written  # late, because --help needs only click
 
                 return _fail(f"gensim2: {not_written(error, Path(os.fsdecode(error.filename)))}", BAD_INPUT)
             return _fail(f"gensim2: {os.fsdecode(error.filename)}: {said}", BAD_INPUT)
@@ -214,10 +211,7 @@ def _fail(text: str, code: int) -> int:
 
 
 def _drop_unwritten_output() -> bool:
-    """Return whether standard output cannot be written.
-
-    If it cannot, redirect it, so that the exit raises no second error.
-    """
+    """Return whether standard output cannot be written. If so, redirect it, so that the exit raises no error."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -284,7 +284,7 @@ class TaskOutcome:
         goal: types of the success criteria.
         kept: whether the success rate reaches the threshold.
         verification: numbers of successful and failed episodes in the verification.
-        fresh: numbers of successful and failed episodes in the verification and the demonstrations together.
+        fresh: the same numbers for verification and demonstrations together.
         demos: number of collected demonstrations.
         cpu_s: CPU time of all processes for verification and demonstrations in this call, s.
         effort: cost of the search; None without a search.
@@ -333,8 +333,8 @@ class PipelineResult:
     Attributes:
         run_dir: run folder.
         tasks: designed tasks in the order in which they were finished.
-        rejected: proposed tasks that were not verified, with the reason, for example that no motion was found.
-        notes: remarks for the user, for example about fewer tasks than requested or about unusable objects.
+        rejected: proposed tasks that were not verified, with the reason.
+        notes: remarks for the user, for example about unusable objects.
     """
 
     run_dir: str

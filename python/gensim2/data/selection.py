@@ -21,7 +21,7 @@ class Selection:
 
     Attributes:
         tasks: names of the tasks; empty for all.
-        strict: require that the episode also passes the verdict `strict`.
+        strict: require the verdict `strict`.
         whole: require that every planned motion was executed completely.
         first_try: require that no step was replanned.
         shortest, longest: minimum and maximum number of control steps.
@@ -72,7 +72,7 @@ class Selection:
     def _clear(
         dataset: DataSet, store: TaskStore, rows: list[Episode], least: float, progress: Progress
     ) -> list[Episode]:
-        """Return the episodes whose clearance, computed from their files, is at least ``least`` metres."""
+        """Return the episodes with a clearance of at least ``least`` metres."""
         from gensim2.data.clearance import ClearanceMeter  # imported here, because it imports SciPy
 
         scene = dataset.scene

@@ -29,8 +29,7 @@ class TaskStore:
     """The episodes of one task in one folder.
 
     Args:
-        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/``, ``failures/`` and, when complete,
-            ``episodes.jsonl``.
+        folder: folder with ``task.yaml``, ``strategies/``, ``episodes/``, ``failures/`` and finally ``episodes.jsonl``.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -230,10 +230,7 @@ def _facts(
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the mean extents of the free space around a keypoint in the instances.
-
-    None if an instance has no free space.
-    """
+    """Return the mean extents of the free space around a keypoint. None if an instance has no such space."""
     from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []

@@ -119,7 +119,7 @@ class Search:
         progress: progress listener.
 
     Attributes:
-        designer_s: time in seconds that the designer needed to write and refine candidates.
+        designer_s: time that the designer needed, s.
     """
 
     def __init__(
@@ -293,7 +293,7 @@ class Search:
 
 
 def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0) -> bool:
-    """Return whether a candidate's success rate lies within ``errors`` standard errors of the best candidate's rate."""
+    """Return whether a candidate's success rate lies within ``errors`` standard errors of the best one."""
     if not result.held:
         return False
     rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)

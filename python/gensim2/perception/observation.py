@@ -105,7 +105,7 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
     Args:
         positions: (n,) all active joints, rad or m; or (N, n) for N poses (N, 7), which is much faster than N calls.
     """
-    from scipy.spatial.transform import Rotation  # import late, because checking arguments does not need SciPy
+    from scipy.spatial.transform import Rotation  # import late, because SciPy is slow to import
 
     T_base_tool = profile.model.forward_kinematics(positions.astype(np.float64), profile.tool_link)
     rotation = Rotation.from_matrix(T_base_tool[..., :3, :3], assume_valid=True)
@@ -181,7 +181,7 @@ class ObservationSpec:
         """
         try:
             return ObservationSpec._of(values)
-        except (TypeError, ValueError, OverflowError) as error:  # raised if a value has a wrong type
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"is invalid: {error}", field="observation") from error
 
     @staticmethod
@@ -275,7 +275,7 @@ class Observation(Mapping[str, Array]):
         """Return the tool pose (4, 4) in the robot's base frame."""
         pose = self.arrays[TOOL_POSE].astype(np.float64)
         found = np.eye(4)
-        from scipy.spatial.transform import Rotation  # import late, because checking arguments does not need SciPy
+        from scipy.spatial.transform import Rotation  # import late
 
         found[:3, :3] = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
         found[:3, 3] = pose[:3]

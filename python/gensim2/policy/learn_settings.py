@@ -47,7 +47,7 @@ ELSEWHERE = {
     "seed": "say it with --seed",
     "ways": "it is the number of strategies that are taught",
 }
-"""Settings that ``gensim2 learn`` sets itself, each with advice on the option to use instead."""
+"""Settings that ``gensim2 learn`` sets itself, with the option to use instead."""
 
 
 def learn_configs(
@@ -58,7 +58,7 @@ def learn_configs(
     Args:
         policy: name of the head.
         settings: fields of network or training settings that differ from the defaults.
-        file: file that contains the settings, for error messages.
+        file: file of the settings, for error messages.
 
     Raises:
         InputError: a field is unknown or invalid, belongs to another kind of policy, or is set by ``learn`` itself.

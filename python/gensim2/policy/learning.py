@@ -386,7 +386,7 @@ def shared_objects(given: Sequence[TaskInput], word: str) -> list[str]:
     for one in given:
         mine, others = (taken(one.spec, one.library, each) for each in (one.instances, word))
         for name, thing in one.spec.objects.items():
-            # A class of rigid objects has only one instance, so there is nothing to select.
+            # A class of rigid objects has only one instance.
             if one.library.kind(thing.asset_class) == "articulated":
                 found += [f"{thing.asset_class}/{each}" for each in others[name] if each in mine[name]]
     return list(dict.fromkeys(found))

@@ -144,10 +144,7 @@ def _label(
 def _from_fingers_on(
     actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
 ) -> npt.NDArray[np.float32]:
-    """Return the actions of a plan.
-
-    If the fingers are already in place, the wait for them at the start is left out.
-    """
+    """Return the actions of a plan. The wait for the fingers at its start is left out if they are already there."""
     arm = profile.arm_size
     fingers = observation.joint_velocities[list(profile.gripper_columns)]
     if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
@@ -167,7 +164,7 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
 
 
 def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Return whether the hand has passed the approach pose. From there, a new plan would first move it away."""
+    """Return whether the hand has passed the approach pose. A new plan would first move it away."""
     actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
@@ -245,10 +242,7 @@ class RelabelledSource:
         self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
 
     def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
-        """Return a batch in which a fraction ``SHARE`` of the samples are labels.
-
-        The other samples are demonstrations.
-        """
+        """Return a batch of demonstrations in which a fraction ``SHARE`` of the samples are labels."""
         few = round(SHARE * size) if self._relabels else 0
         found = self._demonstrations.draw(rng, size - few)
         if not few:
@@ -259,7 +253,7 @@ class RelabelledSource:
         for name in (*SEEN, ACTION):
             drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
             found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
-        # Labels of DAgger have no key poses. NaN marks the poses as unknown.
+        # Labels of DAgger have no key poses, which NaN marks.
         for name in (KEY_POSITIONS, KEY_ROTATIONS):
             if name in found:
                 found[name] = torch.cat([found[name], torch.full((few, *found[name].shape[1:]), torch.nan)])

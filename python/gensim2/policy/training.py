@@ -36,7 +36,7 @@ def train(
         settings: settings by name, which override the settings in the file.
         tasks: names of the tasks; empty for all tasks of the data.
         start: checkpoint whose weights training starts from; network settings default to those of the checkpoint.
-        resume: whether to continue an interrupted training run in ``out``.
+        resume: whether to continue an interrupted run in ``out``.
         device: as for :func:`~gensim2.policy.devices.read_devices`.
         dagger: number of DAgger rounds (:mod:`gensim2.policy.dagger`), each with the same number of gradient steps.
         dagger_episodes: number of rollouts of each task in a DAgger round.

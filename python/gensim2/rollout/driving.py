@@ -22,8 +22,8 @@ class Asked:
     """Gets actions from a controller without making the robot wait too long.
 
     A simulated robot waits for the controller. A real robot needs an action in every control step: until the controller
-    answers, it repeats its last command, or stays where it is before the first command. The robot moves only a little
-    meanwhile, so the late action still fits.
+    answers, it repeats its last command, or stays before the first one. The robot moves only a little meanwhile, so the
+    late action still fits.
 
     Args:
         controller: controller that computes the actions.
@@ -92,7 +92,7 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
                 return step
             body.step(action)
             if not body.waits:
-                # After a delay, the following steps are shortened, but by half a step in total at most.
+                # After a delay, the next steps are shorter, in total by at most half a step.
                 period = 1.0 / body.profile.control_hz
                 due = max(due, time.monotonic() - 0.5 * period) + period
                 time.sleep(max(0.0, due - time.monotonic()))

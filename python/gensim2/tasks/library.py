@@ -165,11 +165,8 @@ def load_task(name: str) -> TaskSpec:
     Args:
         name: name of the task, such as ``"OpenDrawer"``.
 
-    Returns:
-        Objects, steps and goal of the task.
-
     Raises:
-        InputError: no task has this name (the message suggests similar ones), or its file cannot be used.
+        InputError: no task has this name, or its file cannot be used.
 
     Example:
         ```python

@@ -23,15 +23,15 @@ def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
         file: file of the data, for error messages.
 
     Raises:
-        InputError: a field is invalid; the message names the field.
+        InputError: a field is invalid.
     """
     former = version_1.is_version_1(data)
     try:
         check_finite(data, file)
-        # The strict JSON mode converts lists to tuples, but rejects strings or booleans in place of numbers.
+        # Strict JSON mode converts lists to tuples, but rejects strings or booleans for numbers.
         text = json.dumps(version_1.upgraded(data, file) if former else data)
         return TaskSpec.model_validate_json(text, strict=True)
-    except TypeError as error:  # the data has Python types that JSON lacks
+    except TypeError as error:  # Python types that JSON lacks
         raise InputError(f"the data contains a value of a type that JSON does not have: {error}", file=file) from error
     except RecursionError as error:
         raise InputError("the data contains itself, or is nested too deeply", file=file) from error
@@ -56,9 +56,9 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
         if len(kinds) > 1:
             models = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
             if not models:
-                # For several plain types, pydantic appends the name of a type, which is no field in the file.
+                # For several plain types, pydantic appends a type's name, which is no field in the file.
                 break
-            # This is not a field, but the value of ``type``. Pydantic selects the class by it.
+            # This is the value of ``type``, by which pydantic selects the class.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":
@@ -80,7 +80,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """Return the type of a value's ``part`` (field name, key or index). The value has the type ``kind``."""
+    """Return the type of ``part`` (field name, key or index) of a value of the type ``kind``."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

@@ -1,6 +1,6 @@
 """List success rates for comparisons.
 
-They are the rates of the paper (Table 4), and the rates of its authors' code as we ran it.
+The rates come from the paper (Table 4), and from its authors' code as we ran it.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ MEASURED: dict[str, tuple[int, int]] = {
     "CloseRefrigeratorDoor": (7, 10),
     "OpenRefrigeratorDoor": (9, 10),
 }
-"""Results of the public release of the original GenSim2: successes by the paper's verdict, and number of episodes.
+"""Results of the release of the original GenSim2: successes by the paper's verdict, and number of episodes.
 
-Objects are real, and ranges are the paper's. For each task ten of its thirty episodes are counted here;
-``MEASURED_IN_ALL`` has the totals of all thirty.
+Objects are real, and ranges are the paper's. Here ten of the thirty episodes of each task count; ``MEASURED_IN_ALL``
+has the totals of all thirty.
 """
 
 MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}

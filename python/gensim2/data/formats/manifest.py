@@ -40,7 +40,7 @@ class FileRecord(_Record):
 
     Attributes:
         size: size, bytes.
-        sha256: digest of its content, 64 hexadecimal digits.
+        sha256: digest, 64 hexadecimal digits.
     """
 
     size: Annotated[int, Field(ge=0)]
@@ -96,7 +96,7 @@ def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
     """Compare an export with its manifest and return the manifest; None if the export has no manifest.
 
     Args:
-        sizes: size of each file in the export (:meth:`~gensim2.core.foreign.tree.ForeignTree.sizes`).
+        sizes: as for :func:`check_format`.
 
     Raises:
         InputError: a file is missing or was changed.

@@ -14,10 +14,7 @@ from gensim2.objects.shapes import Solid, box, path, rounded_box, tray
 
 @dataclass(frozen=True)
 class Suitcase:
-    """Parts of a closed suitcase.
-
-    The midpoints (3,) are those of the lower edge (``hinge``) and of the upper edge (``edge``) of the lid.
-    """
+    """Parts of a closed suitcase. ``hinge`` and ``edge`` (3,) are midpoints of the lower and upper edge of the lid."""
 
     shell: list[Solid]
     lid: list[Solid]
@@ -53,7 +50,7 @@ def draw(rng: np.random.Generator) -> Suitcase:
             cap = (0.031, 0.031, 0.0065)
             lid.append(rounded_box((x, y, gap + shallow - 0.0020), cap, band, 0.012, 2).visual_only())
             shell.append(rounded_box((x, y, -deep + 0.0020), cap, band, 0.012, 2).visual_only())
-    for s in (-1, 1):  # a metal rail around the rim
+    for s in (-1, 1):
         shell.append(box((0, s * height / 2, -0.0025), (width, 0.0015, 0.004), metal, 0.0).visual_only())
         shell.append(box((s * width / 2, 0, -0.0025), (0.0015, height, 0.004), metal, 0.0).visual_only())
     z = -deep / 2
