@@ -197,3 +197,21 @@ def test_an_object_can_start_in_an_open_container_beside_a_plate(library: Librar
         for seed in (0, 1)
     ]
     assert all(set(each.objects) == set(instances) for each in at)
+
+
+def test_a_container_beside_a_plate_is_turned_towards_the_robot(library: Library) -> None:
+    task = compose(parse("take the lemon out of the refrigerator and put it on the plate"), library, ROBOT).task
+    place = task.objects["refrigerator"].place
+    assert place.at is not None
+    front = -np.array([np.cos(place.yaw), np.sin(place.yaw)])
+    to_robot = np.array(robot(ROBOT).base_position[:2]) - place.at
+    assert front @ to_robot / np.linalg.norm(to_robot) > 0.95
+
+
+def test_a_bowl_that_is_put_away_is_a_loose_object(library: Library) -> None:
+    """The refrigerator stands where it stands for any other object."""
+    bowl, apple = (
+        compose(parse(f"put the {each} into the refrigerator"), library, ROBOT).task for each in ("bowl", "apple")
+    )
+    assert bowl.objects["refrigerator"] == apple.objects["refrigerator"]
+    assert bowl.objects["bowl"].place == apple.objects["apple"].place

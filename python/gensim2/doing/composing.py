@@ -29,6 +29,10 @@ from gensim2.tasks.strategies import Strategies, with_strategies
 #: Position (x, y) in metres between the robot and two objects that stand side by side.
 IN_FRONT = (-0.28, 0.0)
 
+#: Position (x, y) in metres and yaw of a container beside a bowl or a plate. Its front is turned towards the robot, so
+#: that the hand reaches its contents.
+BESIDE_SUPPORT = ((-0.05, 0.3), 0.4)
+
 #: Ranges of the start poses of articulated objects that share the table with other large objects.
 NARROW_ABOUT = Randomization(x=(-0.04, 0.04), y=(-0.04, 0.04), yaw=0.15)
 
@@ -222,7 +226,9 @@ class _Composition:
             SentenceError: there is no room.
         """
         articulated = [name for name, thing in self._things.items() if thing.kind == "articulated"]
-        supports = [name for name in self._things if name in SUPPORTS]
+        # A bowl or plate that is itself put somewhere is a loose object.
+        moved = {step.thing for step in self._steps if isinstance(step, Put)}
+        supports = [name for name in self._things if name in SUPPORTS and name not in moved]
         sources = {step.thing: step.source for step in reversed(self._steps) if isinstance(step, Put)}
         loose = [name for name, source in sources.items() if source is None][::-1]
         wide = [name for name in articulated if max(self._things[name].size[:2]) > NARROW]
@@ -266,7 +272,7 @@ class _Composition:
             return {articulated[0]: Place()}, beside
         if not articulated:
             return {supports[0]: Place(at=SUPPORT_AT)}, beside
-        at, yaw = PAIRED[0]
+        at, yaw = BESIDE_SUPPORT
         return {articulated[0]: Place(at=at, yaw=yaw), supports[0]: Place(at=ASIDE)}, [BESIDE, IN_FRONT]
 
     def _openness(self, name: str) -> tuple[float, float] | None:

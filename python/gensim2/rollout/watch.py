@@ -20,9 +20,11 @@ MAX_OPENNESS_DRIFT = 0.02
 MAX_SLIP = 0.03
 """Maximum distance (m) of a grasped object from its planned position in the hand, and maximum slip."""
 LEAST_OPENING = 0.002
-"""Minimum distance between the pads (m) at which the hand can hold an object."""
-LEAST_SHARE = 0.4
-"""Minimum fraction of a grasp's planned width at which the object still counts as between the pads."""
+"""Minimum distance between the pads (m) at which the hand can hold an object of unknown width."""
+LEAST_SHARE, LEAST_WIDTH = 0.4, 0.001
+"""Minimum distance between the pads at which an object of known width still counts as held: a fraction of the planned
+width, and a length (m). The pads may sink into a thin wall, such as that of a bowl, by a millimetre.
+"""
 
 
 @dataclass(frozen=True)
@@ -80,4 +82,4 @@ def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
 
 
 def _least_opening(width: float | None) -> float:
-    return LEAST_OPENING if width is None else max(LEAST_OPENING, LEAST_SHARE * width)
+    return LEAST_OPENING if width is None else max(LEAST_WIDTH, LEAST_SHARE * width)

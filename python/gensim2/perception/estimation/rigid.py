@@ -167,6 +167,11 @@ class RigidEstimate:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     @property
+    def size(self) -> Array:
+        """Dimensions (3,) along the axes of the object frame, m."""
+        return np.asarray(np.ptp(np.concatenate(self.shape.hulls), axis=0) * self.scale)
+
+    @property
     def keypoints(self) -> dict[str, Array]:
         """Positions (3,) of the keypoints by name, in the world frame, m."""
         return {name: self.in_world(at) for name, at in self.shape.keypoints.items()}

@@ -45,7 +45,9 @@ it is connected to other points, or it does not reach down to the table.
 DROPPED_ERROR = 0.006
 """Maximum mean distance (m) of points from the surface of an object that was released into a container."""
 FARTHEST_DROP = 0.08
-"""Maximum horizontal distance (m) of a released object from the place of the release."""
+"""Maximum horizontal distance (m) of a released object from the place of the release. A longer object, which may have
+tipped over, may be as far away as its diagonal is long.
+"""
 FARTHEST_ROLL = 0.06
 """Maximum horizontal distance (m) of an object in a moving part from the pose to which the part has carried it."""
 MOST_RISE = 0.04
@@ -182,7 +184,8 @@ class RigidTracker:
                 if self._settle(name, points, changed & (own < 0), farthest, floor):
                     self._claim(name, points, own)
                 elif name not in carried:
-                    self._drop(name, points)
+                    # New points of no object may show this object, so it cannot lie on them.
+                    self._drop(name, points[~changed | (own >= 0)])
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
         rest = own < 0
         if self.held is not None or self._hidden:
@@ -307,13 +310,15 @@ class RigidTracker:
         height = self._released.get(name, float(before.T_world_object[2, 3]))
         fits = []
         new = points[changed]
-        size = np.sort(np.ptp(before.bounds, axis=0))
+        if name in self._released:
+            farthest = max(farthest, float(np.linalg.norm(before.size)))
         for rows in clusters(new):
             part = new[rows]
-            seen = np.sort(np.ptp(part, axis=0))
-            if (seen > size + EXCESS).any() or (seen[1:] < LEAST_SHOWN * size[1:]).any():
+            if not _may_show(before, part):
                 continue
             fit = _displaced(before, part)
+            if fit.error > DROPPED_ERROR and name in self._released:
+                fit = _tumbled(before, part)
             drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
             away = float(np.linalg.norm(drop))
             rise = float(fit.T_world_object[2, 3]) - height
@@ -352,6 +357,37 @@ def _in_new_clusters(points: Array, changed: Mask) -> Mask:
     for rows in clusters(points):
         found[rows] = changed[rows].mean() >= CHANGED_SHARE
     return found
+
+
+def _may_show(found: RigidEstimate, points: Array) -> bool:
+    """Return whether the dimensions of points (N, 3) fit an object: in its last orientation, or in any orientation."""
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    for seen, size in (
+        (np.ptp(points, axis=0), np.ptp(found.bounds, axis=0)),
+        (np.ptp(points @ axes.T, axis=0), found.size),
+    ):
+        seen, size = np.sort(seen), np.sort(size)
+        if (seen <= size + EXCESS).all() and (seen[1:] >= LEAST_SHOWN * size[1:]).all():
+            return True
+    return False
+
+
+def _tumbled(found: RigidEstimate, points: Array) -> RigidEstimate:
+    """Return an estimate in the orientation that fits it best to points (N, 3) in the world frame, m. The principal
+    axes of the surface are turned to the principal axes of the points, in each of the four possible ways.
+    """
+    samples = found.samples
+    of_points = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    of_samples = np.linalg.svd(samples - samples.mean(axis=0), full_matrices=False)[2]
+    fits = []
+    for signs in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+        turn = of_points.T @ np.diag([*signs, 1.0]) @ of_samples
+        turn = turn if np.linalg.det(turn) > 0.0 else of_points.T @ np.diag([*signs, -1.0]) @ of_samples
+        T = np.eye(4)
+        T[:3, :3] = turn
+        T[:3, 3] = points.mean(axis=0) - turn @ samples.mean(axis=0)
+        fits.append(_registered(found.at(T @ found.T_world_object), points, turns=True))
+    return min(fits, key=lambda each: each.error)
 
 
 def _displaced(found: RigidEstimate, points: Array) -> RigidEstimate:
