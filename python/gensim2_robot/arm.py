@@ -15,7 +15,9 @@ from gensim2_robot.devices import ArmDriver, ArmState
 from gensim2_robot.limits import Sent, begin, check_force, halt, limit
 
 _STATES = 200
-"""Number of stored past arm states, from which the arm's position at the time of an image is interpolated."""
+"""Number of past arm states that are stored. The arm's position at the time of an image is interpolated between
+them.
+"""
 FORCE_MEMORY = 1.0
 """Time constant (s) with which the effect of a past contact force fades. Without this memory, an arm that gave way
 would press again.

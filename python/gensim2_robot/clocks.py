@@ -16,7 +16,7 @@ from gensim2.core.cores import SWITCH_INTERVAL
 LOOP_PRIORITY = 50
 """Real-time priority of the control loop and of an arm's driver, the same as in ros2_control."""
 CONTROLLER_PRIORITY = 40
-"""Real-time priority of a controller process, for which the arm waits."""
+"""Real-time priority of a controller process while the arm waits for it."""
 
 
 class Clock(Protocol):

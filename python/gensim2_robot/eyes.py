@@ -24,7 +24,7 @@ NEAR = 0.02
 THROUGH = 0.05
 """Distance (m) behind the robot's surface at which a correctly placed camera cannot measure."""
 THROUGH_SHARE = 0.3
-"""Minimum fraction of the robot's pixels that measure points behind it, for which the camera pose counts as wrong."""
+"""The camera pose counts as wrong if at least this fraction of the robot's pixels measures points behind the robot."""
 THROUGH_PIXELS = 1.0 / 400.0
 """Minimum fraction of an image that the robot must cover for a check of the camera pose."""
 OUTLINE = 1.0 / 100.0

@@ -51,7 +51,7 @@ class StillRecording:
 
 
 def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
-    """Fit depth noise to those images of a log that show the arm at rest, and write the parameters to a file.
+    """Fit depth noise to the images of a log that show the arm at rest, and write the parameters to a file.
 
     Args:
         base: noise model with the geometry of the stereo pair. It also has the values of parameters that cannot be

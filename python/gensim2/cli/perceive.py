@@ -94,7 +94,7 @@ def train(
         start: Continue training from the weights of this estimator. The trained estimator knows the classes of this
             estimator and the classes of --class.
         stand_ins: Class whose estimates are used for objects of classes that the estimator does not know; can be
-            repeated. The class must be one of the estimator's classes.  [default: those of --from]
+            repeated. The class must be one of the estimator's classes.  [default: the stand-ins of --from]
     """
     from gensim2.perception.estimation.training import train_estimator
 

@@ -122,7 +122,7 @@ class Affordance:
 
     @cached_property
     def interior(self) -> Triple | None:
-        """Extents (3,) of the free space inside a container: depth, width and height, m. None for other classes."""
+        """Extents (3,) of the free space inside a container: depth, width and height, m, or None for other classes."""
         return _interior(self.samples, self.measured) if self.samples and self.is_container else None
 
     @property
@@ -230,7 +230,7 @@ def _facts(
 
 
 def _interior(instances: Sequence[ArticulatedObject], name: str) -> Triple | None:
-    """Return the mean extents of the free space around a keypoint. None if an instance has no such space."""
+    """Return the mean extents of the free space around a keypoint, or None if an instance has no such space."""
     from gensim2.objects.meshwork.interior import inner_box
 
     sizes = []

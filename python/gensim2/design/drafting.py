@@ -53,7 +53,7 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
     """Return the strategies of the known task that moves the joint of this class to ``goal``.
 
-    Empty without such a task.
+    The result is empty without such a task.
     """
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):

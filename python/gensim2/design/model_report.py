@@ -52,7 +52,7 @@ class ModelReport:
     def of_run(self) -> dict[str, Any] | None:
         """Return the model, its questions, outcomes, costs, and the conversations without a result.
 
-        None if there is no model.
+        Return None if there is no model.
         """
         if self._model is None:
             return None

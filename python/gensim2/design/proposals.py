@@ -68,7 +68,7 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """Return the usual phrase for a joint goal, such as "open the drawer". None if there is no usual phrase."""
+    """Return the usual phrase for a joint goal, such as "open the drawer", or None if there is no usual phrase."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]

@@ -64,7 +64,7 @@ def benchmark(
         tasks: names of library tasks, or folders with task.yaml and strategies/; empty for all tasks of ``origin``. A
             task whose object classes are not available is skipped and listed in the result.
         origin: origin of the tasks if ``tasks`` is empty; None: the tasks of the GenSim2 paper.
-        runs: number of runs, from which the standard deviation is computed.
+        runs: number of runs. The standard deviation is computed from them.
         episodes: number of episodes of each task in each run.
         seed: seed of the scenes. No search for strategies uses these scenes.
         attempts: maximum number of attempts from the same start. The episode ends after the first success.

@@ -164,7 +164,7 @@ def _episode(
 
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
-    """Store the states of an episode, from which its video is made; runs in a worker process."""
+    """Store the states of an episode, so that a video of it can be made. Workers call this function."""
     from gensim2.data.store import TaskStore
 
     TaskStore(folder).add(index, episode, recording)

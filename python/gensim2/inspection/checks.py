@@ -32,7 +32,10 @@ class Finding:
 
 
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
-    """Return the distance (m) of a keypoint from sampled points on the hulls of its link. 0 if it is inside a hull."""
+    """Return the distance (m) of a keypoint from sampled points on the hulls of its link.
+
+    It is 0 if it is inside a hull.
+    """
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
     if not hulls:

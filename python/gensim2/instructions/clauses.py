@@ -116,7 +116,7 @@ class Statement:
         text: the part as the user wrote it.
         mentions: noun phrases with a known noun.
         state: ``"open"`` or ``"closed"`` if the statement says that something is open or closed.
-        is_topic: whether the part only names an object, to which the next clause must refer.
+        is_topic: whether the part only names an object. The next clause must then refer to this object.
     """
 
     text: str

@@ -263,7 +263,10 @@ class _Reading:
         self._group = moved
 
     def _named(self, objects: list[Mention], fits: Callable[[Noun], bool]) -> list[Mention]:
-        """Return a clause's objects, with those before for "them"; SentenceError if these do not fit."""
+        """Return the objects of a clause; "them" also stands for earlier objects.
+
+        Raise SentenceError if they do not fit.
+        """
         found = []
         for each in objects:
             if each.pronoun != "them":

@@ -1,4 +1,4 @@
-"""Create convex solids with materials, from which generated objects are built.
+"""Create convex solids with materials. Generated objects are built from these solids.
 
 The frame is an object's model frame: x points to the right as seen from the front, y points up, and z points out of the
 front. Lengths are in metres. A ``Solid`` is a convex collision part, a visual mesh, or both.

@@ -106,7 +106,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """Return the instruction that moves the joint of an object halfway. None if people seldom ask for it."""
+    """Return the instruction that moves the joint of an object halfway, or None if people seldom ask for it."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None

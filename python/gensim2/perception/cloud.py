@@ -71,7 +71,7 @@ LOW, HIGH = (0.15, -0.62, 0.01), (1.15, 0.62, 1.0)
 MAX_POINTS = 49152
 
 RESOLUTION = np.float32(1e-4)
-"""Resolution of coordinates, m, with which coordinates up to 3.2 m can be stored exactly as 16-bit integers."""
+"""Resolution of coordinates, m. With it, 16-bit integers can store coordinates up to 3.2 m exactly."""
 FARTHEST = 3.2
 
 

@@ -125,7 +125,9 @@ class Scene:
     finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
-        """Return the mean friction coefficient of the fingers and a rigid object. None if one of the two is unknown."""
+        """Return the mean friction coefficient of the fingers and a rigid object, or None if one of the two is
+        unknown.
+        """
         surface = self.objects[name].friction
         return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 

@@ -135,7 +135,10 @@ class StepPlanner:
         return moved if able else None
 
     def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
-        """Return a shortened motion that ends with the release; None if complete or not to be planned."""
+        """Return a shortened motion that ends with the release.
+
+        Return None if the motion is complete, or if a shorter motion cannot be planned.
+        """
         joint = scene.objects[step.object].joint
         config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
         if config is None:
@@ -296,7 +299,7 @@ class StepPlanner:
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
     def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return a plan in a predicted scene with the first strategy that yields one. None if no strategy does."""
+        """Return a plan in a predicted scene with the first strategy that yields one, or None if no strategy does."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
@@ -337,7 +340,7 @@ def shortened(config: Mapping[str, Any], plan: kpam.Plan, openness: float | None
         openness: openness of the object's joint at the start of the motion; None for a rigid object.
 
     Returns:
-        The shortened config. None if the config does not release the object, or if the plan ends before actuation.
+        The shortened config, or None if the config does not release the object, or if the plan ends before actuation.
     """
     motions = list(config.get("post_actuation_motions", []))
     if plan.status != "partial" or not config.get("let_go") or not motions:

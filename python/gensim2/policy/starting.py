@@ -79,7 +79,7 @@ def known_tasks(begun: PolicyCheckpoint, assets: Path | str | None, progress: Pr
 
 
 def check_sentences(sentences: Sequence[str]) -> None:
-    """Check that all tasks have different instructions, by which a policy distinguishes the tasks.
+    """Check that all tasks have different instructions. A policy distinguishes the tasks by their instructions.
 
     Raises:
         InputError: two tasks have the same instruction.

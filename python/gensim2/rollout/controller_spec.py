@@ -35,7 +35,7 @@ class ControllerError(InputError):
 
 @dataclass(frozen=True)
 class ControllerSpec:
-    """Specification of a controller, with which any process can create the controller.
+    """Specification of a controller. Any process can create the controller from it.
 
     Attributes:
         target: ``module:Class``, or ``FILE.py:Class``.

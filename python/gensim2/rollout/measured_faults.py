@@ -87,7 +87,9 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Return how far a rigid object moved before the actuation pose, metres. None if it moved at most ``DRIFTED``."""
+    """Return how far a rigid object moved before the actuation pose, metres, or None if it moved at most
+    ``DRIFTED``.
+    """
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance
@@ -110,7 +112,7 @@ def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
-    """Return how far an object slipped in the hand, metres. None if it did not slip, or after its release."""
+    """Return how far an object slipped in the hand, metres, or None if it did not slip, or after its release."""
     distances = _distances(measured, name)
     let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):

@@ -206,7 +206,7 @@ class _Worlds:
     def _put_of(self, step: Step) -> tuple[str, str] | None:
         """Return the rigid object that a step places, and the object on or in which the step places it.
 
-        None for other steps.
+        Return None for other steps.
         """
         if step.tool != HAND:
             return (step.tool, step.object) if self._task.motion_of(step) is None else None
@@ -224,7 +224,7 @@ class _Worlds:
     def _way(self, step: Step) -> Array | None:
         """Return the displacement (3,) of a rigid object that meets the criteria, metres.
 
-        None if the criteria require none.
+        Return None if the criteria require none.
         """
         about = [c for c in self._criteria(step) if step.object in c.objects]
         way = np.zeros(3)

@@ -112,7 +112,10 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 
 
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
-    """Return the speeds, from displacements, of objects not at rest, m/s or rad/s; PhysX's have corrections."""
+    """Return the speeds of objects that are not at rest, m/s or rad/s.
+
+    They are computed from displacements, because the speeds of PhysX contain corrections.
+    """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():
         if name in later.openness:

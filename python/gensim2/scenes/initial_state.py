@@ -379,10 +379,10 @@ def set_down(thing: PlacedObject, support: PlacedObject, above: float = ABOVE) -
     Args:
         thing: object in its resting pose on the table. The function changes only its height.
         support: the object that ``thing`` will stand on or in.
-        above: height (m) above the keypoint, at which the movement starts.
+        above: height (m) above the keypoint where the movement starts.
 
     Returns:
-        The lowered object. None if the object does not fit above the keypoint or if nothing below supports it.
+        The lowered object, or None if the object does not fit above the keypoint or if nothing below supports it.
     """
     blocks = [ConvexBlock.of(support.in_world(hull)) for hull in hulls_in_root(support.model, support.joint_value)]
     hulls = hulls_in_root(thing.model, thing.joint_value)

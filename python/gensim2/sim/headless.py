@@ -181,7 +181,7 @@ class HeadlessEnv(SceneAccessMixin):
         self.elapsed_steps += 1
 
     def snapshot(self) -> Snapshot:
-        """Return the current state, from which :meth:`restore` continues exactly.
+        """Return the current state. :meth:`restore` continues from it exactly.
 
         Raises:
             InputError: the engine is ``sapien``, which cannot restore states.

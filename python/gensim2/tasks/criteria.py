@@ -313,10 +313,10 @@ def _share(value: float) -> float:
 def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
     """Return the height (m) by which the gripper is too far above or below an object.
 
-    Only those keypoints of the gripper count whose horizontal distance from the object's measured keypoint is less than
-    ``threshold`` (m). A keypoint may be up to ``threshold`` above or below the object. If one keypoint is within this
-    limit, the result is 0. Otherwise the result is how far the best keypoint exceeds the limit. The result is also 0 if
-    no keypoint counts, or if the object's shape is unknown.
+    A keypoint of the gripper counts only if its horizontal distance from the object's measured keypoint is less than
+    ``threshold`` (m). It may be up to ``threshold`` above or below the object. If one keypoint is within this limit,
+    the result is 0. Otherwise the result is how far the best keypoint exceeds the limit. The result is also 0 if no
+    keypoint counts, or if the object's shape is unknown.
     """
     if name not in measured.bounds:
         return 0.0

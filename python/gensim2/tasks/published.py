@@ -98,7 +98,7 @@ def paper_of(task: TaskSpec) -> tuple[float, float] | None:
 def released_of(task: TaskSpec) -> tuple[int, int] | None:
     """Return the numbers of successful and of all episodes of the authors' code.
 
-    None if the task is not from the paper.
+    Return None if the task is not from the paper.
     """
     return MEASURED.get(task.name) if _is_published(task) else None
 

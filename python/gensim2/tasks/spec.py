@@ -307,7 +307,7 @@ class TaskSpec(_Value):
         )
 
     def motion_of(self, step: Step) -> JointCriterion | None:
-        """Return the criterion on the joint of the step's object, such as an open drawer. None if there is none."""
+        """Return the criterion on the joint of the step's object, such as an open drawer, or None if there is none."""
         criteria = step.done or (self.success if step is self.steps[-1] else ())
         return next((c for c in criteria if isinstance(c, JOINT) and c.object == step.object), None)
 

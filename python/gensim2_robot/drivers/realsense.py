@@ -200,7 +200,9 @@ class _Film:
         return found
 
     def _highest_rate(self, kinds: Mapping[Any, Any]) -> int | None:
-        """Return the highest rate (Hz) that all kinds of streams have at the requested size. None if there is none."""
+        """Return the highest rate (Hz) that all kinds of streams have at the requested size, or None if there is
+        none.
+        """
         rates: dict[Any, set[int]] = {kind: set() for kind in kinds}
         for sensor in self._device.query_sensors():
             for profile, kind, video in _streams(sensor, kinds):

@@ -102,7 +102,9 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
 
 def array_of(column: str) -> str | None:
-    """Return the camera array of an exported column, such as ``cameras/left/rgb``. None if the column has no camera."""
+    """Return the camera array of an exported column, such as ``cameras/left/rgb``, or None if the column has no
+    camera.
+    """
     for what, prefix in _PREFIXES.items():
         if column.startswith(prefix):
             return camera_array(column.removeprefix(prefix), what)

@@ -86,7 +86,7 @@ MAX_DEPTH = 100
 #: Maximum absolute value of an integer in a reply; larger integers are replaced by None.
 LARGEST = 2**63
 
-#: Exceptions that the client libraries raise on a broken reply, besides their own error types.
+#: Exceptions that the client libraries raise on a broken reply, in addition to their own types of errors.
 _BROKEN = (ValueError, LookupError, TypeError, AttributeError, OSError, RuntimeError, RecursionError)
 
 _T = TypeVar("_T")

@@ -54,7 +54,7 @@ class LLMDesigner:
         model: language model.
         prompts: prompt templates.
         asking: settings of requested designs, such as the mode, the target task or object, and the number of configs.
-        robot_name: name of the robot. Configs may name only those keypoints of the hand that this robot has.
+        robot_name: name of the robot. Configs may name only keypoints of this robot's hand.
         views: renderer of scenes for the model; None: the model gets no pictures of scenes.
     """
 

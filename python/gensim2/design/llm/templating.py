@@ -44,7 +44,10 @@ def motion(thing: Affordance) -> str:
 
 
 def hinge(thing: Affordance) -> str:
-    """Describe the direction of the axis of a hinge in the default placement. Empty if the object has no hinge."""
+    """Describe the direction of the axis of a hinge in the default placement.
+
+    It is empty if the object has no hinge.
+    """
     if thing.hinge_axes is None:
         return ""
     mean = np.mean(thing.hinge_axes, axis=0)

@@ -110,7 +110,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """Return the hulls and statistics that ``cached_hulls`` stored. None if the file is missing or damaged."""
+    """Return the hulls and statistics that ``cached_hulls`` stored, or None if the file is missing or damaged."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MAX_OBJECT))
         with zipfile.ZipFile(stream) as archive:

@@ -41,7 +41,7 @@ def numbers(values: Array) -> str:
 def box_of(hull: Array) -> tuple[Array, Array] | None:
     """Return the pose (4, 4) and size (3,) of the box whose corners are the vertices (N, 3).
 
-    None if they are not a box.
+    Return None if they are not a box.
 
     Physics engines test boxes faster than meshes, and boxes need no preprocessing.
     """

@@ -232,8 +232,8 @@ class ArticulatedTracker:
 
     @property
     def floor(self) -> float | None:
-        """Height (m) of the floor of the moving part in the world frame: the median over all clouds. None if the moving
-        part has no floor, or if it has too few points.
+        """Height (m) of the floor of the moving part in the world frame: the median over all clouds, or None if the
+        moving part has no floor, or if it has too few points.
         """
         return float(np.median(self._floors)) if self._floors else None
 

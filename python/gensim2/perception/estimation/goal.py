@@ -107,8 +107,9 @@ class GoalTracker:
         self._others: Points = _NO_POINTS
 
     def begin_step(self, done: Sequence[Criterion], q: Array, left: Collection[str] = ()) -> None:
-        """Start a step of the task: the displacements of the joints and the safety margin are from now on those of the
-        motions of this step.
+        """Start a step of the task.
+
+        From now on, displacements of joints and the safety margin count the motions of this step.
 
         A rigid object that is now at its goal counts as being there until a cloud shows it elsewhere, or until the hand
         grasps it. The estimate of its goal may change in the following steps, but it does not become better.
@@ -256,7 +257,7 @@ class GoalTracker:
         )
 
     def measurement(self, q: Array, distrust: float = DISTRUST) -> Measurement:
-        """Return the latest estimate as a measurement, from which success criteria are computed.
+        """Return the latest estimate as a measurement, so that success criteria can be evaluated.
 
         The estimated openness is moved away from the goal by a safety margin, so that an uncertain estimate does not
         count as success. The margin is ``distrust`` times the standard deviation of the estimate, divided by the number

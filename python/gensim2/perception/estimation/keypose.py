@@ -21,8 +21,8 @@ from gensim2.tasks.criteria import JOINT
 Array = npt.NDArray[np.float64]
 
 LIKELY, LIKELIER = 0.5, 2.0
-"""Minimum probability of "done", and minimum factor by which its odds must have grown since the first prediction, at
-which an estimate without a safety margin ends the episode.
+"""Minimum probability of "done", and minimum factor by which its odds must have grown since the first prediction. An
+estimate without a safety margin then ends the episode.
 """
 CONTRADICTION = 3.0
 """Number of standard deviations by which the estimated joint must miss the goal to outweigh a network that is sure. The

@@ -47,7 +47,7 @@ def why_absent(found: ObjectEstimate | None, cloud: Points, kind: ClassConstants
     Args:
         found: estimate for the class; None if the cloud shows no articulated object.
         cloud: (N, 3) point cloud in which the object was estimated, m.
-        kind: constants of the class; None for an unknown class, of which any object is accepted.
+        kind: constants of the class; None: unknown class, so any object is accepted.
     """
     if found is None:
         return {}

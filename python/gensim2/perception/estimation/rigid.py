@@ -51,7 +51,7 @@ FIT_ERROR = 0.004
 YAWS = 6
 """Number of initial yaw angles of a fit."""
 CLOSER = (0.013, 0.01, 0.008)
-"""Distances (m) between the points of an object and of the body that contains it, at which the object is sought."""
+"""An object in a body is searched for at these distances (m) between its points and the points of the body."""
 LEAST_INSIDE = 20
 """Minimum number of points of an object in another body."""
 MAX_COST_INSIDE, MAX_ERROR_INSIDE = 4.0, 0.0023

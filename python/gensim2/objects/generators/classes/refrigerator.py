@@ -1,4 +1,4 @@
-"""Define a class of generated objects: a refrigerator with one door, or with two doors, of which one opens."""
+"""Define a class of generated objects: a refrigerator with one door, or with two doors, where one of them opens."""
 
 from __future__ import annotations
 
