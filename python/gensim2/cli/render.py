@@ -12,7 +12,6 @@ from gensim2.core.errors import InputError
 from gensim2.core.plural import plural
 from gensim2.core.progress import Progress
 
-Moved = Annotated[str | None, Option(metavar="DIR|ycb")]
 Words = Annotated[str, Option(metavar="LIST")]
 
 
