@@ -429,10 +429,9 @@ def _named(node: ast.stmt) -> str | None:
 
 
 def test_the_type_of_arrays_is_defined_once() -> None:
-    """``Array`` has one definition; perception, keypose policies and chains still have their own."""
-    own = ("perception/", "policy/keypose/", "doing/", "rollout/chain")
+    """``Array`` has one definition; only the measurement of displacements still has its own."""
     for package in ("gensim2", "gensim2_robot"):
         for path in sources(package):
             if "Array = npt.NDArray[np.float64]" in path.read_text():
                 where = path.relative_to(PYTHON / package).as_posix()
-                assert where == "core/arrays.py" or where.startswith(own), path
+                assert where in ("core/arrays.py", "perception/estimation/tracking.py"), path

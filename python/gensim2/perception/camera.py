@@ -9,10 +9,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError, brief
 from gensim2.robots import MountedCamera, RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 MAX_SIDE = 8192
 """Maximum width and height of an image, pixels."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.actions import grip_on
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import Foreseen, StepPlan, Ways
@@ -25,8 +25,6 @@ from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
-
-Array = npt.NDArray[np.float64]
 
 NOT_DONE = "not done"
 """Reasons for planning a step again, other than deviations from the plan."""

@@ -10,6 +10,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.planning.step_plan import StepPlan
 from gensim2.planning.strategies import MAKES_ROOM
@@ -20,8 +21,6 @@ from gensim2.scenes.footprint import gap_between, outline
 from gensim2.tasks.criteria import OF_GRIPPER
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step
-
-Array = npt.NDArray[np.float64]
 
 ROOM = 0.06
 """Horizontal clearance (m) that an open hand needs on each side of an object."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from gensim2.core.arrays import Array
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.types import joint_motion
 from gensim2.perception.cloud import farthest_points, inlier_mask, uniform_stride
@@ -30,8 +31,6 @@ from gensim2.perception.estimation.scene import raised, scene_object
 from gensim2.perception.estimation.tracking import MOVED, STALLED, UNKNOWN, Track
 from gensim2.planning.scene import SceneObject
 from gensim2.tasks.criteria import JOINT, ArticulatedClosed, ArticulatedOpen, Criterion
-
-Array = npt.NDArray[np.float64]
 
 LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from gensim2.core.arrays import Array
+
 Points = npt.NDArray[np.float32]
 
 LAYER = 0.01

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.plural import plural
 from gensim2.objects.types import ArticulatedObject
-
-Array = npt.NDArray[np.float64]
 
 SLOTS = 3
 """Maximum number of keypoints of a class."""

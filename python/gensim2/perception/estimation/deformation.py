@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.perception.cloud import from_steps, to_steps
 from gensim2.perception.estimation.examples import SETTINGS
 from gensim2.perception.estimation.network import TARGET
 
-Array = npt.NDArray[np.float64]
 Example = Mapping[str, npt.NDArray[Any]]
 
 DEFORMED = 0.8

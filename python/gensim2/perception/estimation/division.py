@@ -15,7 +15,6 @@ from gensim2.perception.estimation.estimator import LEAST_POINTS, Points
 from gensim2.perception.estimation.presence import CONNECTED, connected_extent
 from gensim2.perception.estimation.rigid import TABLE, Indices, clusters
 
-Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
 NOTHING = -1

@@ -13,6 +13,7 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.files import write_json
 from gensim2.core.record_files import read_record
 from gensim2.core.weights import (
@@ -29,7 +30,6 @@ from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by
 from gensim2.perception.estimation.network import OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
-Array = npt.NDArray[np.float64]
 Points = npt.NDArray[np.float32]
 
 ESTIMATOR_JSON = "estimator.json"

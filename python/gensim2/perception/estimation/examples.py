@@ -12,6 +12,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.seeding import rng
 from gensim2.objects import ArticulatedObject, Library, ObjectModel
 from gensim2.perception.camera import View, observation_cameras
@@ -25,7 +26,6 @@ from gensim2.scenes.footprint import keypoint_in_root, swept_points
 from gensim2.scenes.initial_state import PlacedObject
 from gensim2.scenes.randomize import placed
 
-Array = npt.NDArray[np.float64]
 Example = dict[str, npt.NDArray[Any]]
 
 SETTINGS = CloudSettings(robot="none", low=(0.15, -0.62, 0.015), outliers=1.5)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception.estimation.articulated_tracking import ArticulatedTracker
 from gensim2.perception.estimation.division import NOTHING, Labels, first_division, next_division
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
@@ -20,8 +21,6 @@ from gensim2.perception.estimation.scene import planning_scene
 from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
-
-Array = npt.NDArray[np.float64]
 
 DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
 """Settings of the point clouds. They contain nearly all pixels, because a small object or a thin moving part may cover

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception import Observation
 from gensim2.perception.estimation.estimator import BUILTIN, ESTIMATOR_JSON, SceneEstimator, estimator_folder
 from gensim2.perception.estimation.goal import GoalTracker
@@ -17,8 +18,6 @@ from gensim2.policy.keypose.goals import TaskGoal
 from gensim2.policy.keypose.training import read_goals
 from gensim2.robots.force import FORCE_LIMIT, Yielding
 from gensim2.tasks.criteria import JOINT
-
-Array = npt.NDArray[np.float64]
 
 LIKELY, LIKELIER = 0.5, 2.0
 """Minimum probability of "done", and minimum factor by which its odds must have grown since the first prediction. An

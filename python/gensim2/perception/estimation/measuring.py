@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from gensim2.core.errors import InputError
 from gensim2.core.progress import NULL_PROGRESS, Progress
@@ -20,8 +19,6 @@ from gensim2.perception.estimation.estimator import DEVIATIONS, ObjectEstimate, 
 from gensim2.perception.estimation.examples import Example, example, object_looks, stacked
 from gensim2.policy.array_file import Arrays
 from gensim2.robots import DEFAULT_ROBOT, robot
-
-Array = npt.NDArray[np.float64]
 
 MISSED = {
     "axis_degrees": 180.0,

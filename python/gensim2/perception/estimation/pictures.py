@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.files import write_atomic
 from gensim2.perception.cloud import from_steps
 from gensim2.perception.estimation.estimator import ObjectEstimate, SceneEstimator
@@ -18,7 +18,6 @@ from gensim2.policy.array_file import Arrays
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-Array = npt.NDArray[np.float64]
 
 SIDE, WORST, COLUMNS = 240, 10, 5
 """Side length of a view (pixels), number of drawn clouds, and number of clouds in a row of the picture."""

@@ -17,13 +17,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.seeding import rng
 from gensim2.objects import ObjectModel, RigidObject, open_library
 from gensim2.objects.types import BODY
 from gensim2.planning.hulls import surface
 from gensim2.planning.scene import SceneBody, SceneObject
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 LINK = 0.02

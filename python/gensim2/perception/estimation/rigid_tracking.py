@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from gensim2.core.arrays import Array
 from gensim2.perception.estimation.rigid import (
     LEAST_IN_CLUSTER,
     TABLE,
@@ -20,7 +21,6 @@ from gensim2.perception.estimation.rigid import (
     found_inside,
 )
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 ON_OBJECT = 0.012

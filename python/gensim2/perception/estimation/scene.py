@@ -8,18 +8,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.estimator import EDGES, LEVEL, ObjectEstimate, Points
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.world import TABLE
 from gensim2.robots import RobotProfile
 from gensim2.scenes.table import HALF_SIZE, corners
-
-Array = npt.NDArray[np.float64]
 
 CELL = 0.02
 """Side of the grid cells whose points are enclosed in one box, m."""

@@ -9,10 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception import Camera
 from gensim2.perception.raycast.shapes import Color, Surface, Texture
-
-Array = npt.NDArray[np.float64]
 
 NEAR = 1e-3
 """Depth (m) below which a bounding box is assumed to cover the whole image."""

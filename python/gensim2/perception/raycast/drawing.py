@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.perception import Camera
 from gensim2.perception.raycast.caster import Caster, CastSolid
 from gensim2.perception.raycast.scene import RaycastView
@@ -16,7 +17,6 @@ from gensim2.perception.raycast.shapes import Surface
 if TYPE_CHECKING:
     from PIL import Image
 
-Array = npt.NDArray[np.float64]
 
 SKY = (235, 238, 242)
 AMBIENT = np.float32(0.42)

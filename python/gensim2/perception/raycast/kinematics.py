@@ -12,13 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.foreign.geometry import MAX_URDF
 from gensim2.core.foreign.tree import read_input
 from gensim2.objects.library.urdf import Urdf, UrdfJoint, parse_urdf, unit_axis
 from gensim2.objects.types import joint_motion
-
-Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=256)

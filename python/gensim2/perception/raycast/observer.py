@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.core.seeding import rng
 from gensim2.objects import ObjectModel
@@ -27,8 +28,6 @@ from gensim2.perception.cloud import FARTHEST, PointCloud, from_steps, to_steps
 from gensim2.perception.raycast.kinematics import state_rows
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 
 class KnownPoints:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import ObjectModel, RigidObject
 from gensim2.objects.types import ArticulatedObject
 from gensim2.perception import Camera, RobotSegments
@@ -18,8 +19,6 @@ from gensim2.perception.raycast.kinematics import Tree, pose_matrices, read_urdf
 from gensim2.perception.raycast.shapes import Surface, read_links, read_mesh
 from gensim2.robots import RobotProfile
 from gensim2.scenes.table import HALF_SIZE, visible_boxes
-
-Array = npt.NDArray[np.float64]
 
 TABLE = "table"
 

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from gensim2.core.arrays import Array
 from gensim2.core.foreign.geometry import opened_mesh
 from gensim2.objects.library.urdf import Urdf, shape_elements
 from gensim2.perception.raycast.kinematics import read_urdf
 
-Array = npt.NDArray[np.float64]
 Color = npt.NDArray[np.uint8]
 
 SPHERE_DETAIL = 3  # subdivisions of a sphere

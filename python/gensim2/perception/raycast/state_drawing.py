@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.core.arrays import Array
 from gensim2.objects import ObjectModel
 from gensim2.perception.camera import Camera
 from gensim2.perception.raycast.drawing import shaded
 from gensim2.perception.raycast.scene import RaycastScene
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 VIDEO_EYE, VIDEO_TARGET = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23)
 """Position and target (m in the world) of the camera for videos. From the right it sees the robot, the object's front,

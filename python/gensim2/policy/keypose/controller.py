@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from gensim2.core.arrays import Array
 from gensim2.core.errors import InputError
 from gensim2.perception import Observation, ObservationSpec
 from gensim2.perception.observation import CLOUD, GRIPPER
@@ -24,8 +25,6 @@ from gensim2.policy.keypose.training import WAYS_JSON, read_ways
 from gensim2.policy.sentences import embeds, sentence_row, substitutes
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
-
-Array = npt.NDArray[np.float64]
 
 MAX_LOOKS = 8
 """Maximum number of predictions in an episode for each step of the task."""

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
 from gensim2.policy.keypose.paths import GRAZE, JointPath, joint_path
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, SAME_COMMAND, KeyposeProgram
 from gensim2.policy.keypose.surroundings import Seen, Surroundings
 from gensim2.robots import RobotProfile
 
-Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 Free = Literal["planned", "but for touched", "table only", "straight"]

@@ -10,9 +10,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation, Slerp
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, KeyposeProgram
-
-Array = npt.NDArray[np.float64]
 
 STEP, TURN = 0.015, 0.08
 """Distance (m) and angle (rad) between the hand poses along a path."""

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm, logm
 
+from gensim2.core.arrays import Array
 from gensim2.planning.step_plan import StepPlan
 from gensim2.robots import RobotProfile
 
-Array = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 
 PATH_POSES = 8

@@ -10,9 +10,8 @@ import numpy.typing as npt
 from scipy.sparse.csgraph import connected_components
 
 import gensim2_kpam as kpam
+from gensim2.core.arrays import Array
 from gensim2.robots import RobotProfile
-
-Array = npt.NDArray[np.float64]
 
 POINT_RADIUS = 0.006
 """Radius (m) of the ball that models each point of the cloud."""
