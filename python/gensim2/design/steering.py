@@ -49,7 +49,7 @@ _YES: dict[Question, tuple[Part, ...]] = {
     "effect": ("approach", "keypoint", "gripper"),
 }
 
-#: For each cause of failure that only a simulation can show: the parts of the alignment that may be to blame.
+#: Parts of the alignment that may be to blame, for each cause of failure that only a simulation can show.
 _BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
     Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
     Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),

@@ -259,7 +259,7 @@ class _Composition:
     def _places(
         self, articulated: list[str], supports: list[str], loose: list[str]
     ) -> tuple[dict[str, Place], list[tuple[float, float]]]:
-        """Return the places of the large objects, and the positions of the loose ones."""
+        """Return the places of the large objects, and the positions of the loose objects."""
         beside = [BESIDE, OTHER_SIDE]
         if len(articulated) == 2:
             return {name: Place(at=at, yaw=yaw) for name, (at, yaw) in zip(articulated, PAIRED, strict=True)}, [

@@ -431,7 +431,8 @@ class Fingers:
     def around(self, q: Array, width: float, scene: Scene) -> Array:
         """Return the robot's joints (n,) after the hand has closed on an object ``width`` (m) wide.
 
-        Stiff drives almost reach their command, so ``q`` is unchanged; soft ones stop at the object's surface.
+        Stiff drives almost reach their command, so ``q`` is not changed. Soft drives let the fingers stop at the
+        surface of the object.
         """
         if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q

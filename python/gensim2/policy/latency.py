@@ -92,7 +92,7 @@ def measure_latencies(
     Args:
         heads, encoders: names of heads and encoders; all combinations are measured.
         points: number of points in a cloud.
-        decisions: number of measured decisions, after ``WARM_UP`` unmeasured ones.
+        decisions: number of measured decisions, after ``WARM_UP`` decisions that are not measured.
         threads: number of PyTorch threads.
         assets: folder of the scene's objects, or the name of a built-in set.
         settings: further network settings of all measured policies.

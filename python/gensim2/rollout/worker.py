@@ -304,9 +304,9 @@ SHARE = 0.5
 class Noisy(WrappedController):
     """Controller that sometimes adds noise to the joint targets of another controller.
 
-    The other controller does not know of the noise. Time is divided into equal periods, random ones with noise: each
-    joint target gets an offset like half a sine wave of random amplitude. The noise-free action is
-    ``reference/action``.
+    The other controller does not know of the noise. Time is divided into equal periods, and random periods have noise.
+    In these periods, each joint target gets an offset like half a sine wave of random amplitude. The noise-free action
+    is ``reference/action``.
 
     Args:
         controller: controller whose actions get noise.

@@ -370,7 +370,7 @@ def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
 
 
 def checked_seed(seed: Any) -> int | None:
-    """Return a reset's seed as an integer or None; a vector environment may give a list of one."""
+    """Return a reset's seed as an integer or None. A vector environment may give a list with a single seed."""
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:
         if len(seed) != 1:
             raise InputError(f"must be a single seed for a single environment, not {len(seed)}", field="seed")

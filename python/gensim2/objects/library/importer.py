@@ -391,7 +391,10 @@ class _Source:
     def _transferred(
         self, shared: Mapping[str, RelativeKeypoint], scale: float
     ) -> tuple[dict[str, Array], dict[str, str]]:
-        """Return keypoints relative to their links' boxes; moving ones in the link's frame, others in the root's."""
+        """Return keypoints relative to the boxes of their links.
+
+        Keypoints of the moving link are in its frame, others in the root frame.
+        """
         lower = (self.joint.limits or (0.0, 0.0))[0]
         T_root_moving = self._T_root_parent @ self.joint.T @ joint_motion(_kind(self.joint), self.axis, lower)
         places = {True: (self.geometry["moving"], T_root_moving), False: (self.geometry["body"], np.eye(4))}

@@ -423,7 +423,10 @@ class _Converter:
         return [points] if solid else []
 
     def _primitive(self, prim: Any, matrix: Array) -> tuple[Array, str, Array] | None:
-        """Return pose, kind and size of a shape that is a URDF primitive; None for others and for sheared ones."""
+        """Return pose, kind and size of a shape that is a URDF primitive.
+
+        Return None for other shapes and for sheared primitives.
+        """
         kind = str(prim.GetTypeName())
         if kind not in ("Cube", "Sphere", "Cylinder", "Capsule"):
             return None

@@ -84,7 +84,10 @@ class ArticulatedTracker:
         self.begin_step(success)
 
     def begin_step(self, criteria: Sequence[Criterion]) -> None:
-        """Start a step with its criteria: the displacement of the joint is from now on that of the step's motions."""
+        """Start a step with its criteria.
+
+        From now on, the displacement of the joint counts the motions of this step.
+        """
         kinds = {type(each) for each in criteria if self.name in each.objects}
         self.goal = (ArticulatedOpen in kinds) - (ArticulatedClosed in kinds)
         self.moves_joint = any(issubclass(kind, JOINT) for kind in kinds)
