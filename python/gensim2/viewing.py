@@ -39,7 +39,7 @@ class Shown:
         title: title of the page.
         scene: scene of the episode.
         recording: states and actions of the episode.
-        plans: a plan for each step, made from the predicted result of the steps before. It may be empty.
+        plans: a plan for each step, made from the predicted result of the steps before; may be empty.
     """
 
     title: str

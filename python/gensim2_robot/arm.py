@@ -211,8 +211,8 @@ class Streamer:
         if len(rows) == 1:
             return True
         stretch = np.diff(times)
-        # The velocity at the last target is the velocity between the last two targets, even if they have passed. It is
-        # 0 if they are equal or if there is only one target.
+        # The velocity at the last target is the velocity between the last two targets, even if they have passed. The
+        # velocity is 0 if they are equal or if there is only one target.
         before, last = self._newest[0], self._newest[-1]
         rows.append(rows[-1] + self._rest(rows[-1], (last[1] - before[1]) / max(last[0] - before[0], CYCLE)))
         slowest = [*stretch, CYCLE]
@@ -239,7 +239,10 @@ class Streamer:
         return True
 
     def _rest(self, q: Array, speed: Array) -> Array:
-        """Return the displacement (m,) while braking from ``speed``. It is cut at the ends of the joint range."""
+        """Return the displacement (m,) while braking from ``speed``.
+
+        The displacement is cut at the ends of the joint range.
+        """
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
         way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
         room = np.where(way > 0.0, self._limits.upper - q, q - self._limits.lower)

@@ -28,8 +28,8 @@ THROUGH_SHARE = 0.3
 THROUGH_PIXELS = 1.0 / 400.0
 """Minimum fraction of an image that the robot must cover for a check of the camera pose."""
 OUTLINE = 1.0 / 100.0
-"""Width of the robot's outline as a fraction of the width of the image. It is not checked, because small errors move it
-off the robot.
+"""Width of the robot's outline as a fraction of the width of the image. The outline is not checked, because small
+errors move it off the robot.
 """
 
 

@@ -54,8 +54,7 @@ def fit_log(log: Path, out: Path, base: DepthNoise = D435) -> dict[str, Any]:
     """Fit depth noise to the images of a log that show the arm at rest, and write the parameters to a file.
 
     Args:
-        base: noise model with the geometry of the stereo pair. It also has the values of parameters that cannot be
-            estimated.
+        base: noise model with the geometry of the stereo pair and with the parameters that cannot be estimated.
 
     Returns:
         Plain data: the parameters, and the number of pixels from which each one was estimated.

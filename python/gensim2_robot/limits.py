@@ -213,7 +213,7 @@ def limit(
     v_measured: Array | None = None,
     recent: float = 0.0,
 ) -> Sent:
-    """Return the next command. It is the target if the target respects all limits, else a command towards it that does.
+    """Return the next command: the target if it respects all limits, else a command towards the target that does.
 
     This is a pure function.
 
@@ -227,7 +227,7 @@ def limit(
         recent: contact force (N) of the recent past, which reduces the leash like ``force``.
 
     Returns:
-        The command 10 ms after ``sent``. It has its checked stop and the limits that changed it.
+        The command 10 ms after ``sent``, with its checked stop and the limits that changed it.
 
     Raises:
         RefusedError: the target is not finite, or the contact force exceeds its limit.

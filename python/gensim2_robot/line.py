@@ -379,7 +379,7 @@ class Line:
     def _drive(self, due: float, now: float) -> None:
         """Send the command of this cycle.
 
-        It follows the controller's actions or brakes, depending on the state of the watchdog.
+        The command follows the controller's actions or brakes, depending on the state of the watchdog.
         """
         sent = self.arm.sent
         if sent is None:

@@ -3,8 +3,8 @@
 When a file has a given size, it is closed and a new file is started. When the folder reaches its limit, the oldest
 files are removed.
 
-A full disk ends the log without damage, because space for closing a file is reserved. It is reserved in a file without
-a name, which the operating system removes even if the run is killed.
+A full disk ends the log without damage, because space for closing a file is reserved in a file without a name. The
+operating system removes this file even if the run is killed.
 """
 
 from __future__ import annotations

@@ -53,8 +53,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         for name, (kind, shape) in head.arrays.items():
             count = 1
             for size in shape:
-                # A shape may exceed the data. This gives a ValueError, which is handled below. A huge count would give
-                # an OverflowError instead, so it is limited.
+                # A shape may exceed the data. The ValueError for such a shape is handled below. A huge count would give
+                # an OverflowError instead, so the count is limited.
                 count = min(count * size, len(data) + 1)
             found = np.frombuffer(data, dtype=kind, count=count, offset=at)
             arrays[name] = found.reshape(shape).copy()  # a view would keep the whole message in memory

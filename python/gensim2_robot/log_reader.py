@@ -1,6 +1,6 @@
 """Read logs, which may be untrusted. Sizes are checked before allocations, and checksums before parsing.
 
-The log of a killed run has no end record. It is read up to the last complete record.
+The log of a killed run has no end record. Such a log is read up to the last complete record.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ class LogReplay:
         different: names of the arrays that differ, each with the number of its request. At most 1000 arrays are listed.
         missing: number of requests that were not compared, because their images were removed or are no longer in
             memory.
-        unclosed: number of files without an end record, from a run that was killed. They are compared as well.
+        unclosed: number of files without an end record, from a run that was killed. These files are compared as well.
     """
 
     questions: int

@@ -116,7 +116,7 @@ class MindSpec:
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
     """Return the spec of the data that is displayed and logged.
 
-    It is the controller's spec if the controller uses cameras, and otherwise has all cameras.
+    The spec is the controller's if the controller uses cameras, and otherwise has all cameras.
     """
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 

@@ -148,7 +148,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SharedPicture:
-    """Image in shared memory. It is valid until its slot is returned. Its fields are as in :class:`CameraFrame`."""
+    """Image in shared memory, which is valid until its slot is returned. The fields are as in :class:`CameraFrame`."""
 
     camera: str
     slot: int

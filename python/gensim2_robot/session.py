@@ -431,7 +431,7 @@ def result(
 ) -> dict[str, Any]:
     """Return the result of a run as plain data.
 
-    It has the values of a run without episodes, which the caller replaces.
+    The result has the values of a run without episodes, which the caller replaces.
 
     Args:
         about: description of the loop.

@@ -154,8 +154,8 @@ def solve_motions(
         ```
     """
     model = robots.robot(robot).model
-    # Run one check first. It also computes the spheres that cover the links, which must not be part of the measured
-    # time.
+    # Run one check first, because the first check also computes the spheres that cover the links. The measured time
+    # must not include this.
     rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     kpam.Scene(model).in_collision(rest)
     records: list[dict[str, Any]] = []

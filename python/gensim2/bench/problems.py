@@ -77,7 +77,7 @@ class _Record(BaseModel):
 class ArticulatedRecord(_Record):
     """State of an articulated object.
 
-    It has the root pose in the world frame, the joint value, and the scale of the lengths in its files.
+    The state has the root pose in the world frame, the joint value, and the scale of the lengths in the object's files.
     """
 
     cls: str

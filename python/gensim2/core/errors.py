@@ -47,7 +47,7 @@ def brief(number: int) -> str:
 def near(word: object, words: Iterable[str]) -> str:
     """Return a hint such as ``"did you mean drawer?"``.
 
-    It names the most similar words, or the first words if none is similar.
+    The hint names the most similar words, or the first words if no word is similar.
     """
     known = list(words)
     matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)

@@ -99,7 +99,7 @@ class FolderLock:
 
 
 class RunSettings(BaseModel):
-    """Base class for the record of a resumable folder. It has the settings that determine the results of a run.
+    """Base class for the record of a resumable folder. The record has the settings that determine the results of a run.
 
     Attributes:
         FREE: settings that may change when a run is resumed. Nested settings are named ``group.setting``.
@@ -166,7 +166,7 @@ Settings = TypeVar("Settings", bound=RunSettings)
 class ResumableFolder(Generic[Settings]):
     """Folder with the results of a run.
 
-    It is locked while it is open. A file in it records the settings, so that the run can be resumed.
+    The folder is locked while it is open. A file in it records the settings, so that the run can be resumed.
 
     The class is a context manager; the end of the ``with`` block releases the lock.
 

@@ -1,7 +1,7 @@
 """Read and write YAML files of plain data, with limits on size, depth and repetition.
 
-Files may be untrusted or come from language models. They may contain mappings with text keys, lists, text, numbers,
-true, false and null. They may not contain dates, merge keys (``<<``), custom tags or cyclic anchors.
+Files may be untrusted or come from language models. A file may contain mappings with text keys, lists, text, numbers,
+true, false and null. Dates, merge keys (``<<``), custom tags and cyclic anchors are not allowed.
 """
 
 from __future__ import annotations

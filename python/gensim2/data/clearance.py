@@ -37,7 +37,8 @@ class Clearance:
     """Clearance of one episode.
 
     Attributes:
-        distance: smallest distance, m. It is negative for an overlap, and ``FARTHEST`` if it is larger than that.
+        distance: smallest distance, m; negative for an overlap. Distances above ``FARTHEST`` are stored as
+            ``FARTHEST``.
         to: nearest obstacle: ``"table"``, ``"itself"`` or the name of an object; None if it is farther than
             ``FARTHEST``.
     """

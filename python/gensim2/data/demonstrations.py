@@ -69,7 +69,7 @@ def collect(
 
     Args:
         instances: name of the set of objects.
-        videos: number of videos. They show the first demonstrations, or failed episodes if all episodes failed.
+        videos: number of videos. The videos show the first demonstrations, or failed episodes if all episodes failed.
 
     Returns:
         All episodes that were run. If too many of them failed, there are fewer than ``episodes`` demonstrations.

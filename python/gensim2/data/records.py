@@ -82,7 +82,7 @@ class RunRecord(RunSettings):
     def resumed_by(self, now: Self) -> Self:
         """Return the record for the run that resumes this run.
 
-        It has the arguments of ``now``, no end time and no result.
+        The new record has the arguments of ``now``, no end time and no result.
         """
         update = {"arguments": now.arguments, "finished": None, "result": None, "resumed": self.resumed + 1}
         return self.model_copy(update=update)
@@ -237,7 +237,7 @@ class Verification:
     def kept(self) -> bool:
         """Whether the success rate reaches the threshold.
 
-        It must do so in both engines if the task was verified in two.
+        If the task was verified in two engines, the rate must reach the threshold in both.
         """
         return self.rate >= self.threshold and (self.second is None or self.second.rate >= self.threshold)
 

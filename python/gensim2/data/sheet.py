@@ -32,7 +32,8 @@ class Shot:
 
     Attributes:
         index: index of the episode.
-        file: image file, relative to the page. It shows the first state at the top and the last state at the bottom.
+        file: image file, relative to the page. The image shows the first state at the top and the last state at the
+            bottom.
     """
 
     index: int

@@ -49,8 +49,7 @@ class Status:
         stored: size of all episodes, bytes.
         free: free disk space, bytes.
         failed_tries: number of attempts that failed because a process died, hung or raised an unexpected exception.
-        pace: mean time between finished episodes, s. It counts from the second episode of each worker on and is None
-            before.
+        pace: mean time between finished episodes, s, from the second episode of each worker on. None before.
     """
 
     tasks: tuple[TaskStatus, ...]

@@ -59,8 +59,8 @@ class Affordance:
         size: (3,) depth (away from the robot), width and height of the object at rest, with the joint at zero, m.
         mass: mass, kg.
         keypoints: descriptions by name of the keypoints that all instances have. The last keypoint is the measured one.
-        lever_arms: distances (m) of moving keypoints from the axis. They are zero for a prismatic joint; a rigid object
-            has none.
+        lever_arms: distances (m) of moving keypoints from the axis. The distances are zero for a prismatic joint; a
+            rigid object has none.
         joint_type: ``"revolute"`` or ``"prismatic"``; None for a rigid object. If the types of the instances differ, it
             is the more frequent type, and all joint values are means over the instances of this type.
         joint_range: lower joint limit (openness 0) and upper joint limit (openness 1), rad or m.

@@ -47,8 +47,8 @@ class Known:
     Attributes:
         task: definition of the task.
         strategies: strategies of the task's steps, by name.
-        held, episodes: number of successful episodes and of all episodes in the latest verification. Both are zero
-            without one.
+        held, episodes: number of successful episodes and of all episodes in the latest verification; zero without a
+            verification.
     """
 
     task: TaskSpec
@@ -66,7 +66,7 @@ class Brief:
         classes: affordance (summary) of each articulated or rigid object class, by class name.
         known: existing tasks. Proposals must not repeat them, and long tasks may use them. The run appends the tasks
             that it keeps.
-        familiar: tasks that count as solved. They may be proposed again, but do not count as requested tasks.
+        familiar: tasks that count as solved. Solved tasks may be proposed again, but do not count as requested tasks.
         refused: reasons why the criteria of proposed tasks were refused, by name of the task. The run adds further
             reasons.
     """

@@ -40,7 +40,7 @@ def check_criteria(
 ) -> CheckerResult:
     """Count how often a task's success criteria are wrongly true in mutated worlds.
 
-    These are scenes that are changed on purpose so that the task is not done (docs/reference/tasks.md).
+    A mutated world is a scene that is changed on purpose so that the task is not done (docs/reference/tasks.md).
 
     Args:
         task: task to check; its strategies are not used.

@@ -25,7 +25,7 @@ class Chosen:
         designer: designer that proposes tasks and writes candidates.
         accepts: function that returns whether to accept a proposal.
         left_out: end of the note on proposals that were rejected, such as ``"are not wanted"``.
-        wish: name of the filter in the run folder. It must stay the same when the run is resumed. None: no name.
+        wish: name of the filter in the run folder. A resumed run must have the same name. None: no name.
     """
 
     def __init__(

@@ -246,7 +246,7 @@ class PipelineRun:
         seed: seed of all random choices.
         extent: amount of work on each task.
         known: tasks that the designer knows.
-        familiar: tasks that count as solved. They may be proposed and used in longer tasks, but do not count as
+        familiar: tasks that count as solved. Solved tasks may be proposed and used in longer tasks, but do not count as
             requested tasks.
         budget: maximum numbers of candidates and episodes in each search; None selects the default for the task.
         progress: progress listener.
@@ -370,7 +370,7 @@ class PipelineRun:
     def _to_verify(self, task: TaskSpec) -> int:
         """Return the number of verification episodes.
 
-        It is the requested number, is limited for tasks that count as solved, and is at least the number of
+        The number is the requested one, but limited for tasks that count as solved. It is at least the number of
         demonstrations.
         """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify

@@ -2,8 +2,8 @@
 
 Each strategy follows from an alignment: a contact point on the object, an approach direction and a motion of the hand.
 
-They depend on the joint type, the moving keypoints, the distance of these keypoints from the axis, and the goal. They
-do not depend on the class.
+Alignments depend on the joint type, the moving keypoints, the distance of these keypoints from the axis, and the goal,
+but not on the class.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from gensim2.core import seeding
 from gensim2.design.affordance import Affordance
 from gensim2.design.manipulation import Axis, Direction, Manipulation, Motion
 
-#: Openness at which commanded motions end. It lies beyond the joint limits, because pushed parts lag behind the hand.
+#: Openness at which commanded motions end. The values lie beyond the joint limits, because pushed parts lag behind the
+#: hand.
 OPENED, CLOSED_UP = 1.05, -0.1
 
 _HALF = math.sqrt(0.5)

@@ -1,8 +1,8 @@
 """Provide the offline designer's strategies, which move joints, grasp objects and place objects of any class.
 
-Many strategies come from the library (``gensim2/tasks/library/strategies``). They are defined in the joint frame, so
-they fit any class. Strategies that place objects are computed from sizes. The planner uses the first strategy of a step
-that has a plan.
+Many strategies come from the library (``gensim2/tasks/library/strategies``). These strategies are defined in the joint
+frame, so they fit any class. Strategies that place objects are computed from sizes. The planner uses the first strategy
+of a step that has a plan.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def places_in(container: Affordance, thing: Affordance, aside: float = 0.0) -> S
 def places_on(support: Affordance, thing: Affordance) -> Strategies:
     """Return strategies that put the object onto or into a rigid object.
 
-    They are ordered by release height, lowest first.
+    The strategies are ordered by release height, lowest first.
     """
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)

@@ -112,7 +112,7 @@ def draw(
     if not left or count < 1:
         return []
     odds = estimates(left, tried) ** SHARPNESS
-    # This is a weighted sample without replacement: the largest sums of logarithm and Gumbel noise (Vieira 2014).
+    # The largest sums of logarithm and Gumbel noise are a weighted sample without replacement (Vieira 2014).
     keys = np.log(odds) + generator.gumbel(size=len(left))
     return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
 

@@ -1,7 +1,7 @@
 """Render pictures for a language model: an object with its keypoints, or the arm at an actuation pose.
 
-A separate process renders, because graphics drivers may crash. It starts with the first picture, which takes half a
-minute with software rendering.
+A separate process renders, because graphics drivers may crash. The process starts with the first picture, which takes
+half a minute with software rendering.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _STARTING = Lock()
 def view_of(location: str, asset_class: str, instance: str) -> LazyPicture:
     """Return a picture with labelled keypoints.
 
-    It shows an articulated object at three joint positions, or a rigid object from three sides.
+    The picture shows an articulated object at three joint positions, or a rigid object from three sides.
     """
     return LazyPicture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
 

@@ -126,7 +126,7 @@ def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
 def compared(one: Sequence[TaskRow], other: Sequence[TaskRow]) -> list[dict[str, Any]]:
     """Compare the verdicts ``held`` of each task in two engines on the same scenes.
 
-    Each dictionary describes one task. It has the successful episodes ``held`` by engine, the ``p_value`` of Fisher's
+    Each dictionary describes one task, with the successful episodes ``held`` by engine, the ``p_value`` of Fisher's
     exact test, and the seeds that succeed only in the first engine (``lost``) or only in the second (``won``).
     """
     from scipy.stats import fisher_exact  # imported late because it takes long to import

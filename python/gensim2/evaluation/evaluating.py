@@ -78,12 +78,13 @@ def evaluate(
         controller: ``module:Class``, ``FILE.py:Class``, or an importable class (docs/guides/controllers.md).
         tasks: names of library tasks, or folders with task.yaml and strategies/.
         arguments: keyword arguments of the controller, as JSON data.
-        data: rendered data sets with which the controller was trained. They must have the same observation spec.
+        data: rendered data sets with which the controller was trained. The data sets must have the same observation
+            spec.
         stop: rule for the end of an episode. ``"goal"``: the episode ends when the controller returns None, at the step
             limit, or when the goal has held for half a second and still holds after the scene has settled.
             ``"controller"``: only the controller ends the episode; at the step limit it fails.
         runs, episodes, seed, out, resume, progress, scene: as for :func:`~gensim2.evaluation.benchmark`.
-        videos: number of ray-cast videos of each task. They also show the point cloud of the controller.
+        videos: number of ray-cast videos of each task. The videos also show the point cloud of the controller.
 
     Returns:
         A table with a row for each task, which has the rates of three verdicts with 95 % intervals, and the videos.

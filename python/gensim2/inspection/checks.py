@@ -34,7 +34,7 @@ class Finding:
 def distance_to_link(instance: ArticulatedObject, name: str) -> float:
     """Return the distance (m) of a keypoint from sampled points on the hulls of its link.
 
-    It is 0 if it is inside a hull.
+    The distance is 0 if the keypoint is inside a hull.
     """
     keypoint = instance.keypoints[name]
     hulls = list(instance.hulls.get(keypoint.link, ()))
@@ -103,7 +103,7 @@ def overlap_findings(instance: ArticulatedObject) -> list[Finding]:
 def clearance_of(instance: ArticulatedObject, name: str) -> float:
     """Return the distance (m) of a keypoint from the hulls of both links, with an open joint.
 
-    It is negative inside a hull.
+    The distance is negative inside a hull.
     """
     keypoint, child = instance.keypoints[name], instance.joint.child_link
     T = instance.link_pose(1.0)

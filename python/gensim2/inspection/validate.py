@@ -37,8 +37,8 @@ BUDGET: kpam.Options = {
 def reach_findings(instance: ArticulatedObject, profile: RobotProfile) -> list[Finding]:
     """Check whether the robot's fingertips can reach an object's head keypoint, at several values of openness.
 
-    The hand must stay above the table. Each openness at which the keypoint is out of reach is a finding. It has the
-    remaining distance in mm, or names the table.
+    The hand must stay above the table. Each openness at which the keypoint is out of reach is a finding. The finding
+    has the remaining distance in mm, or names the table.
 
     The head keypoint is ``articulated_object_head``, or else the first keypoint.
 
@@ -189,7 +189,7 @@ def validate(
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
     """Return a summary as JSON data.
 
-    It has the numbers of ``objects``, of ``sound`` objects, and of findings by check.
+    The summary has the numbers of ``objects``, of ``sound`` objects, and of findings by check.
     """
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
     return {

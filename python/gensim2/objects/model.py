@@ -19,7 +19,7 @@ class LinkGeometry:
     """Geometry of a link, in metres in the link frame.
 
     Attributes:
-        hulls: convex parts (N, 3) for mass and stability. They are also used for collisions if ``solid`` is None.
+        hulls: convex parts (N, 3) for mass and stability; also used for collisions if ``solid`` is None.
         meshes: visual meshes.
         solid: convex parts for collision, if these differ from ``hulls``; otherwise None.
     """

@@ -19,7 +19,8 @@ class ClassRule:
     """Physical parameters shared by all instances of a class.
 
     Attributes:
-        density: kg per m³ of collision hull. It is low, because the hulls are solid and the real parts are thin shells.
+        density: kg per m³ of collision hull. The densities are low, because hulls are solid and real parts are thin
+            shells.
         default_openness: mean openness (0 to 1) of the joint when scenes are randomized.
         stance: pose on the table: ``"upright"``, or ``"flat"``, which lies on its back with the front up.
         turn: side that faces the robot. ``"front"``: the front, or the back if the contact keypoint is there.

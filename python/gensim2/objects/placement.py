@@ -23,13 +23,13 @@ class PlacementRegion:
         base_x: world x of the reference point, which lies under the arm's base. Its world y is 0.
         comfortable: desired distance from the reference point to the contact keypoint, as a mean over the joint's
             range.
-        farthest: maximum distance of the contact keypoint over the joint's range. It takes precedence over
+        farthest: maximum distance of the contact keypoint over the joint's range, with precedence over
             ``hand_clearance``.
         sideways: maximum lateral offset of the contact keypoint.
         nearest_x: minimum world x of a low object.
         hand_at_rest: world x and y of the hand at the start of an episode.
         hand_low_point: height of the lowest point of the resting hand above the table. Lower objects fit below it.
-        hand_clearance: distance of tall objects from the resting hand. It covers the hand's thickness and random
+        hand_clearance: distance of tall objects from the resting hand, for the hand's thickness and random
             displacements.
         hand_half_width: lateral distance within which tall objects keep this clearance: half the hand's width plus a
             reserve.

@@ -258,8 +258,8 @@ def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], loo
 
     Args:
         a, b: (3,) ends of the axis, m.
-        profile: corners (radius in m, position along the axis from 0 at ``a`` to 1 at ``b``). They are counterclockwise
-            in a diagram with the radius to the right and the axis upwards.
+        profile: corners (radius in m, position along the axis from 0 at ``a`` to 1 at ``b``). The corners are
+            counterclockwise in a diagram with the radius to the right and the axis upwards.
         look: material.
         sides: number of flat sides that approximate the circle around the axis.
     """
@@ -319,7 +319,7 @@ def tube(
 ) -> list[Solid]:
     """Return a tube from ``a`` to ``b`` with radii from ``radius_a`` to ``radius_b``.
 
-    It has ``segments`` convex parts and a round mesh.
+    The tube has ``segments`` convex parts and a round mesh.
 
     ``bottom`` is the thickness of a disc that closes the tube at ``a``. If it is None, both ends are open.
     """

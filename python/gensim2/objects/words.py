@@ -187,8 +187,8 @@ def in_ascii(phrase: str) -> str:
     If this is impossible, return ``object`` and a number computed from the phrase.
     """
     plain = [unicodedata.normalize("NFKD", word).encode("ascii", "ignore").decode() for word in phrase.split()]
-    # The words have lost their accents, but also the letters without an ASCII form. They are used only if no letter was
-    # lost.
+    # The words have lost their accents, but also the letters without an ASCII form. The words are used only if no
+    # letter was lost.
     whole = sum(map(str.isalnum, unicodedata.normalize("NFKD", phrase)))
     if plain and sum(map(str.isalnum, "".join(plain))) == whole:
         return " ".join(plain)

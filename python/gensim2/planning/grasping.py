@@ -102,7 +102,10 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
-    """Return whether two hand poses (4, 4) are the same grasp. They are also the same if the fingers are swapped."""
+    """Return whether two hand poses (4, 4) are the same grasp.
+
+    Poses with swapped fingers also count as the same grasp.
+    """
     from scipy.spatial.transform import Rotation  # imported here because checking arguments does not need SciPy
 
     turn = T_object_hand[:3, :3].T @ other[:3, :3]

@@ -20,7 +20,7 @@ class SceneBody:
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: vertices (N, 3) of the hulls in the body frame, metres. They stay the same tuple object during an
+        hulls: vertices (N, 3) of the hulls in the body frame, metres. The tuple stays the same object during an
             episode, so that planners can cache results by it.
         T_base_body: (4, 4) pose in the robot base frame.
     """

@@ -61,8 +61,8 @@ class StepPlan:
     def rank(self) -> int:
         """Quality of the plan, from 0 (best) to 3.
 
-        It is 0 for a complete plan without early contact, 1 for a complete plan with early contact, 2 for a partial
-        plan, and 3 without a motion.
+        Rank 0 is a complete plan without early contact, 1 a complete plan with early contact, 2 a partial plan, and 3
+        no motion.
         """
         if self.schedule is None:
             return 3

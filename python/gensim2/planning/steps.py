@@ -188,8 +188,7 @@ class StepPlanner:
             after = predict.with_joint(after, step.object, joint.value + gone)
         held = scene.held or picks
         if held is not None and acting is not None:
-            # A grasped object moves with the hand until its release. It does so from the grasp on, or from the start of
-            # the plan.
+            # From the grasp, or from the start of the plan, a grasped object moves with the hand until its release.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
             q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))

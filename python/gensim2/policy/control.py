@@ -1,6 +1,6 @@
 """Replace the policy's point cloud by zeros or by a cloud of another scene.
 
-This shows how much the policy uses its cloud.
+A comparison with the original cloud shows how much the policy uses its cloud.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ def _relabel(
 ) -> Relabels:
     """Return the planner's labels for a task in a round.
 
-    They come from the file ``path`` if it exists, or else from rollouts.
+    The labels come from the file ``path`` if it exists, or else from rollouts.
     """
     from gensim2.core.processes import Execution, Job, results
     from gensim2.rollout.runner import EpisodeRunner

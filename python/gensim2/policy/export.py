@@ -32,7 +32,7 @@ TOLERANCE = 1e-5
 class Exported(nn.Module):  # type: ignore[misc]
     """Policy network for export.
 
-    It has separate inputs for cloud and proprioception, and for text and noise if the policy uses them.
+    The network has separate inputs for cloud and proprioception, and for text and noise if the policy uses them.
     """
 
     def __init__(self, network: PolicyNetwork) -> None:

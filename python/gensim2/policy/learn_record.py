@@ -42,7 +42,7 @@ class LearnRecord(RunSettings):
         settings: network and training settings that the user gave.
         start: folder of the starting policy and the SHA-256 of its ``config.json``. None: training from scratch.
         demonstrations_of: folder of another run whose demonstrations were copied.
-        steps: number of gradient steps by folder of the policy. It is fixed when the training of the policy starts.
+        steps: number of gradient steps by folder of the policy, fixed when the training of the policy starts.
         data_cpu_s: CPU time (s) of the demonstrations by folder of the policy, including copied demonstrations.
         episodes: number of demonstrations of each task, by folder of action-chunk policies.
     """

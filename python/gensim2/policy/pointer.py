@@ -5,8 +5,8 @@ Features after max pooling would lose the positions. Therefore poses are predict
 The first stage predicts the position of each keyframe from a subset of points :math:`x_i`, with weights :math:`w_i` (a
 heatmap) and offsets :math:`o_i`: :math:`p = \sum_i w_i (x_i + o_i)`.
 
-The second stage refines all positions and predicts rotations. It uses the points of the full cloud near the predicted
-position of keyframe ``LOOKED_AT``, with their coordinates and Fourier features.
+The second stage refines all positions and predicts rotations. For this, the stage uses the points of the full cloud
+near the predicted position of keyframe ``LOOKED_AT``, with their coordinates and Fourier features.
 
 Coordinates are in the tool frame. In this frame, the position of a keyframe is the remaining motion.
 """

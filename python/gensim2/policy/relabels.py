@@ -71,8 +71,8 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     """Roll the policy out in one scene, in a worker process, and return labels for the visited states.
 
     Returns:
-        Arrays of S labels by name; S may be 0. They are the observations ``frames.SEEN`` (S, T, ...) and ``action`` (S,
-        H, m + 2).
+        Arrays of S labels by name; S may be 0. The arrays are the observations ``frames.SEEN`` (S, T, ...) and
+        ``action`` (S, H, m + 2).
 
     Raises:
         InputError: the checkpoint cannot be used.

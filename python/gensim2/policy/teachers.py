@@ -63,7 +63,7 @@ def seconds_a_step(
 ) -> float:
     """Measure the time of a gradient step (s).
 
-    It is the median over steps with a temporary network, times ``OVERHEAD``.
+    The time is the median over steps with a temporary network, times ``OVERHEAD``.
 
     The first steps are not counted, because they take up to four times as long as later steps.
 

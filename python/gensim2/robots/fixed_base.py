@@ -38,8 +38,8 @@ def fixed_base(
         standing: names of the joints to fix, with the joint values (rad or m) at which they are fixed.
         turns: limit of continuous joints, rad.
         palm: link that carries the fingers.
-        hand: name of the new hand link at the origin of the palm. It has no geometry and becomes the parent of the
-            palm.
+        hand: name of the new hand link at the origin of the palm. The link has no geometry and becomes the parent of
+            the palm.
         pitch: pitch of the hand in the palm's frame, rad.
         tool: name of the new tool link, added without geometry on the hand's z axis.
         tool_at: position of the tool link along the hand's z axis, m.

@@ -10,8 +10,8 @@ from gensim2.robots.profile import RobotProfile
 FORCE_LIMIT = 140.0
 """Default limit of the contact force, N, from ISO/TS 15066 for a clamped hand."""
 PRESSING = 210.0
-"""Maximum force (N) with which the drives press on an object. It is 1.5 times the limit at which the robot line stops
-the arm: with less, many real toasters, faucets and doors are not moved in time.
+"""Maximum force (N) with which the drives press on an object. The value is 1.5 times the limit at which the robot line
+stops the arm: with less, many real toasters, faucets and doors are not moved in time.
 """
 BEHIND = 0.01
 """The arm is behind its plan if the force limit moves the tool's target farther than this (m) from the planned one."""

@@ -39,7 +39,7 @@ def fr3_files() -> RobotFiles:
 
 
 def fr3() -> RobotProfile:
-    """Return the robot profile. It is the Panda's profile with the joint limits and files of the Research 3."""
+    """Return the robot profile: the Panda's profile with the joint limits and files of the Research 3."""
     known = panda()
     return replace(
         known,

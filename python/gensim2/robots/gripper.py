@@ -81,7 +81,7 @@ class Gripper(Protocol):
         """Return the command that opens the pads to ``opening`` (m), without clipping to -1 and 1."""
 
     def command_at(self, q: Array) -> float:
-        """Return the command for the values ``q`` (g,) of the gripper joints. It may lie outside -1..1."""
+        """Return the command for the values ``q`` (g,) of the gripper joints. The command may lie outside -1..1."""
 
     def grip(self, opening: float, force: float, stiffness: float) -> float:
         """Return the command with which each pad presses with ``force`` (N) on an object between the pads.

@@ -236,7 +236,7 @@ class RobotProfile:
 
     @property
     def arm_size(self) -> int:
-        """Number m of arm joints. They are the first m of the active joints."""
+        """Number m of arm joints, which are the first m active joints."""
         return len(self.arm_joints)
 
     @property
@@ -293,8 +293,7 @@ class RobotProfile:
         the arguments.
 
         Args:
-            acceleration, jerk: limits (m,), or one number for all joints. They are used if the solver options have no
-                limits.
+            acceleration, jerk: limits (m,), or one number for all joints; used if the solver options have no limits.
         """
 
         def own(given: npt.ArrayLike | None, usual: npt.ArrayLike) -> Array:

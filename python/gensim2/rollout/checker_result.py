@@ -128,7 +128,7 @@ class CheckerResult:
     def reason(self) -> str:
         """Sentence on the kinds of mutated worlds in which criteria are wrongly true, most frequent first.
 
-        It may be empty.
+        The sentence may be empty.
         """
         wrong = sorted((each for each in self.of_goal if each.fooled), key=lambda each: -each.fooled)
         if not wrong:
@@ -147,7 +147,7 @@ class CheckerResult:
     def summary(self) -> dict[str, Any]:
         """Return the totals as JSON data, without the counts for each mutation.
 
-        Totals. They are the numbers of scenes and of mutated worlds, the number and the fraction of mutated worlds in
+        The totals are the numbers of scenes and of mutated worlds, the number and the fraction of mutated worlds in
         which the goal wrongly holds, the number of successful end states, and the number of these in which the goal
         holds.
         """

@@ -118,7 +118,7 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """Configuration of a task's episodes as plain values that can be pickled. It has no strategies and no seed.
+    """Configuration of a task's episodes, as plain values that can be pickled, without strategies and seed.
 
     Attributes:
         scene: settings of the task's scenes.

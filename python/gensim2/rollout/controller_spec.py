@@ -133,8 +133,8 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task. It is in the specification only if the controller estimates scenes; other controllers get the
-            task when they are created.
+        task: the task. Only a controller that estimates scenes has the task in its specification; other controllers get
+            the task when they are created.
         strategies: strategies by name, as plain data.
         rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
     """

@@ -1,4 +1,4 @@
-"""Run controllers in a control loop. It also runs real robots, which do not wait for the controller."""
+"""Run controllers in a control loop. The loop also runs real robots, which do not wait for the controller."""
 
 from __future__ import annotations
 

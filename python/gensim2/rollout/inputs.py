@@ -96,7 +96,9 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RunArguments]) 
 
 
 def check_scene_source(given: TaskInput) -> str | None:
-    """Check that the planner can get its scene. It is the simulator's scene, or an estimate, which needs an estimator.
+    """Check that the planner can get its scene.
+
+    An estimated scene needs an estimator; otherwise the scene is the simulator's.
 
     Returns:
         Hash that identifies the planner with its estimator, if the scene is estimated; None for the true scene.
@@ -265,7 +267,7 @@ def of_these_objects(
         assets: library of the objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
         tasks: names of library tasks, or folders of tasks. If it is empty, all tasks of ``origin`` are used.
         instances: name of the set of objects, as in :class:`~gensim2.scenes.config.SceneArguments`.
-        origin: the paper's suite (default) or the name of a designer. It cannot be combined with ``tasks``.
+        origin: the paper's suite (default) or the name of a designer; not together with ``tasks``.
 
     Returns:
         Names of the tasks that can be run, and, for each other task, its name and the reason why it cannot be run.

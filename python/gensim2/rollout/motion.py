@@ -110,7 +110,8 @@ LASTING_SECONDS = 1.0
 def may_judge(held: float, at_rest: bool | None, unit: Callable[[float], float] = float) -> bool:
     """Return whether to evaluate the episode.
 
-    It is evaluated when the last command was kept for the minimum time with the scene at rest, or for the maximum time.
+    The episode is evaluated when the last command was kept for the minimum time with the scene at rest, or for the
+    maximum time.
 
     Args:
         held: time for which the last command has been kept, in seconds or in control steps.

@@ -78,7 +78,7 @@ def no_op_baseline(
     """Simulate the scene of a seed without the arm, and return whether the goal is reached without any action.
 
     The arm is left out: at rest it touches nothing, and the simulation is ten times faster without it. After ``steps``,
-    the simulation continues until the scene is at rest. It ends early if nothing moves in the first
+    the simulation continues until the scene is at rest. The simulation ends early if nothing moves in the first
     ``UNMOVED_SECONDS``.
 
     Args:

@@ -18,9 +18,7 @@ from gensim2.tasks.measurement import Measurement
 Rows = npt.NDArray[np.float32]
 
 NEAR = 0.06
-"""Distance (m) between keypoints of gripper and object below which the hand is near. It is larger than in
-``strict``.
-"""
+"""Distance (m) between keypoints of gripper and object below which the hand is near; larger than in ``strict``."""
 CLEAR = 0.003
 """Distance (m) between hand and object below which the planner assumes that they are in contact."""
 SPEED = 0.5

@@ -178,7 +178,10 @@ def run(
 
 
 def controller_seed(seed: int) -> int:
-    """Return the seed of the controller. It is computed from the scene's seed so that it does not reveal that seed."""
+    """Return the seed of the controller.
+
+    The seed is computed from the scene's seed so that it does not reveal that seed.
+    """
     return int(rng(seed, "controller").integers(2**32))
 
 

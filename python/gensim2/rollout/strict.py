@@ -114,7 +114,7 @@ def pressed_in(scene: Scene, robot: RobotProfile) -> dict[str, dict[str, float]]
 def _moving(world: World, before: Measurement, later: Measurement) -> dict[str, float]:
     """Return the speeds of objects that are not at rest, m/s or rad/s.
 
-    They are computed from displacements, because the speeds of PhysX contain corrections.
+    The speeds are computed from displacements, because the speeds of PhysX contain corrections.
     """
     moving, rate = {}, world.profile.control_hz
     for name, moved in changes(before, later).items():

@@ -117,8 +117,8 @@ def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepS
     except MemoryError:
         raise
     except BaseException as error:
-        # An error or a Rust panic, which is no Exception in PyO3, in one candidate gives it a score of 0. It does not
-        # end the screening.
+        # An error or a Rust panic, which is no Exception in PyO3, in one candidate gives it a score of 0. The screening
+        # continues.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
         return 0.0, f"planner error: {type(error).__name__}: {error}", {}

@@ -99,7 +99,7 @@ class World(Body, Protocol):
     def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
         """Return the state observation (D,).
 
-        It has joint positions, joint velocities, the tool pose (7,), and the objects' values.
+        The observation has joint positions, joint velocities, the tool pose (7,), and the objects' values.
 
         Args:
             tool: whether to compute the tool pose; else it is NaN. Recordings compute the poses of all steps together.

@@ -73,7 +73,7 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Scene options that all tasks of a run share. They come from arguments (:meth:`of`) or from a file.
+    """Scene options that all tasks of a run share, created from arguments (:meth:`of`) or from a file.
 
     Attributes:
         assets: folder of objects or ``"builtin"``.

@@ -81,7 +81,7 @@ def square(center: Array, half: float) -> Array:
 def gap_between(first: Array, second: Array) -> float:
     """Return the gap (m) between two convex outlines, negative if they overlap.
 
-    It is the largest gap along an edge's normal.
+    The gap is the largest gap along an edge's normal.
 
     Args:
         first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.

@@ -29,7 +29,7 @@ __all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "ma
 
 __getattr__ = lazy_names(__name__)
 
-# ManiSkill's progress bars for notebooks warn if ipywidgets is missing. They are not used here.
+# ManiSkill's progress bars for notebooks, which are not used here, warn if ipywidgets is missing.
 warnings.filterwarnings("ignore", message="IProgress not found")
 
 register_all()

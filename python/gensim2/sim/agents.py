@@ -53,7 +53,7 @@ def register(profile: RobotProfile) -> None:
 
 
 class ProfileAgent(BaseAgent):  # type: ignore[misc]
-    """ManiSkill agent of a robot profile. It has the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
+    """ManiSkill agent of a robot profile, with the control modes ``pd_joint_pos`` and ``pd_joint_delta_pos``."""
 
     profile: ClassVar[RobotProfile]
 

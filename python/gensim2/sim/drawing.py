@@ -14,7 +14,7 @@ from gensim2.sim.driver import renderer
 def state_drawing(engine: Engine, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> StateDrawing:
     """Return an object that draws recorded states.
 
-    It is MuJoCo's renderer if MuJoCo is the engine and its renderer works, and the ray caster otherwise.
+    The object is MuJoCo's renderer if MuJoCo is the engine and its renderer works, and the ray caster otherwise.
 
     Args:
         objects: objects by name, in the task's order.

@@ -58,7 +58,7 @@ class EngineScene(Protocol):
     def robot_state(self) -> Row:
         """Return the robot's state (13 + 2 n,) in ManiSkill's format.
 
-        It has the root's pose and velocities, then the joints' positions and velocities.
+        The state has the root's pose and velocities, then the joints' positions and velocities.
         """
 
     def snapshot(self) -> tuple[Array, str]:

@@ -150,7 +150,7 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
 def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
     """Return whether the engine's shape fits a hull.
 
-    It may be larger by a fixed tolerance and smaller by a fraction of its size.
+    The shape may be larger by a fixed tolerance and smaller by a fraction of its size.
 
     Args:
         hull: (N, 3) corners of the hull, m.

@@ -120,7 +120,10 @@ class ArticulatedPart(ABC):
 
     @property
     def openness(self) -> float:
-        """Joint position as a share of its range, (q - lower) / (upper - lower). It may lie slightly outside 0..1."""
+        """Joint position as a share of its range, (q - lower) / (upper - lower).
+
+        The share may lie slightly outside 0..1.
+        """
         joint = self.model.joint
         return (float(self.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 

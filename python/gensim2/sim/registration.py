@@ -29,7 +29,7 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 
 
 def env_id(task: TaskSpec) -> str:
-    """Return the environment id of a task for ``gym.make``. It is valid in any process that can import gensim2.
+    """Return the environment id of a task for ``gym.make``. The id is valid in any process that can import gensim2.
 
     Each task of the package has an id; any other task uses ``GenSim2-Task-v1`` with the spec as an argument.
 

@@ -43,7 +43,7 @@ class SapienScene:
         self._profile, how = profile, named_physics(physics)
         self.system = how.new_system(profile)
         self.scene = sapien.Scene([self.system])  # without this reference Python would free the scene and its contents
-        # This is ManiSkill's order of bodies. The order affects PhysX's contact solver.
+        # The order of bodies is ManiSkill's. The order affects PhysX's contact solver.
         self.arm = Arm(self.scene, profile, how) if robot else None
         build_table(self.scene, visible=False)
         self.parts = {name: _build(self.scene, name, thing, how) for name, thing in setup.objects.items()}

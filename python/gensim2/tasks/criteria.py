@@ -195,13 +195,16 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _excess(self, measured: Measurement) -> float:
-        """Return the measured horizontal distance (m) minus the threshold. It is negative below the threshold."""
+        """Return the measured horizontal distance (m) minus the threshold.
+
+        The result is negative below the threshold.
+        """
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
         """Return the height (m) by which the height condition is violated.
 
-        It is 0 if it is met or if shapes are unknown.
+        The height is 0 if the condition is met or if shapes are unknown.
         """
 
 

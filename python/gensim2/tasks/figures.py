@@ -69,7 +69,7 @@ class Condition(_Value):
     def is_plain(self) -> bool:
         """Whether the conditions are the paper's.
 
-        They are its ranges, all instances, a closed loop, one attempt, and no disturbance.
+        The paper's conditions are its ranges, all instances, a closed loop, one attempt, and no disturbance.
         """
         return not self.deviations
 

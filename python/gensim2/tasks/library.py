@@ -193,7 +193,10 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
 
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
-    """Return the names of the tasks in a folder of the package. They are cached, because packages do not change."""
+    """Return the names of the tasks in a folder of the package.
+
+    The names are cached, because packages do not change.
+    """
     return names_in(shelf())
 
 

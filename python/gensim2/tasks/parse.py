@@ -58,7 +58,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
             if not models:
                 # For several plain types, pydantic appends a type's name, which is no field in the file.
                 break
-            # This is the value of ``type``, by which pydantic selects the class.
+            # Pydantic selects the class by this value of ``type``.
             kind = next((each for each in models if each.model_fields["type"].default == part), None)
             continue
         if part == "[key]":

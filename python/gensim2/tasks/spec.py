@@ -1,6 +1,6 @@
 """Define the task specification: an immutable, validated value that can be converted to YAML and JSON.
 
-A task has named objects and steps. A step is one interaction. It has an actuation pose at an object, motions before and
+A task has named objects and steps. A step is one interaction with an actuation pose at an object, motions before and
 after this pose, and a gripper command. The spec has only the names of strategies, which are in
 ``strategies/<name>.yaml``.
 """

@@ -127,7 +127,7 @@ class Coarse:
     def start_poses(self) -> list[Pose]:
         """Return the start poses for matching, which are the initial guess and changed copies of it.
 
-        A copy is rotated by ``TURN`` about an axis, or not rotated. It is shifted so that the means of points and
+        Each copy is rotated by ``TURN`` about an axis, or not rotated, and shifted so that the means of points and
         meshes match. The copies with the lowest cost are returned.
         """
         turned = []

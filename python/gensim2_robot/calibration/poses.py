@@ -24,8 +24,8 @@ from gensim2_robot.log_messages import ArmMessage, PictureMessage
 from gensim2_robot.log_reader import messages
 
 SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
-"""Maximum offset (rad) of the joints of a random pose from the reset pose. It is resized to the number of joints of the
-arm.
+"""Maximum offset (rad) of the joints of a random pose from the reset pose. The array is resized to the number of joints
+of the arm.
 """
 LOWEST = 0.25
 """Minimum height (m) of the tool above the table, because the objects on the table are unknown."""
@@ -53,7 +53,10 @@ class Station:
     frames: Mapping[str, tuple[CameraFrame, ...]]
 
     def view(self, camera: Camera) -> ArmView:
-        """Return the median depth of a camera by pixel. It is 0 where at most half of the images have a measurement."""
+        """Return the median depth of a camera by pixel.
+
+        The depth is 0 where at most half of the images have a measurement.
+        """
         depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
         there = 2 * (depths > 0).sum(axis=0) > len(depths)
         depths[depths == 0] = np.nan

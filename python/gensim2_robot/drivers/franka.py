@@ -31,7 +31,7 @@ GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
 
 
 class _FrankaHand(StreamedArm):
-    """Base class of the Franka drivers. It drives the hand, whose interface is the same in both libraries.
+    """Base class of the Franka drivers. The class drives the hand, whose interface is the same in both libraries.
 
     Attributes:
         hand: gripper object of the library; None without a hand.

@@ -53,8 +53,8 @@ def open_archive(path: Path) -> zipfile.Path:
 def open_zip(stream: BinaryIO, max_members: int) -> zipfile.ZipFile:
     """Open a zip file with at most ``max_members`` entries. Every entry must be uncompressed or compressed by deflate.
 
-    This keeps an archive from filling the memory. ``zipfile`` creates an object for every entry, and cannot limit the
-    size that it unpacks from a block of bzip2 or LZMA.
+    The check keeps an archive from filling the memory. ``zipfile`` creates an object for every entry, and cannot limit
+    the size that it unpacks from a block of bzip2 or LZMA.
 
     Raises:
         BadZipFile: the file has too many entries, or an entry uses another compression.

@@ -79,7 +79,7 @@ def read_shapes(path: Path, max_bytes: int, remedy: str) -> dict[str, Shape]:
 def only_shapes(shapes: Iterable[Shape], path: Path, remedy: str) -> Iterator[None]:
     """Restrict the PyTorch weights that this thread can create in the block.
 
-    They must have the types and shapes in ``shapes``, and each shape is used only once.
+    The weights must have the types and shapes in ``shapes``, and each shape is used only once.
 
     A configuration of a larger model than its weights file is thus refused before the model fills the memory.
 

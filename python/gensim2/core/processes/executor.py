@@ -1,6 +1,6 @@
 """Define the interface of executors, and the outcomes of jobs.
 
-A job is a pure function of its arguments. It has the same result in every attempt and on any machine. If its process
+A job is a pure function of its arguments, with the same result in every attempt and on any machine. If its process
 dies, the job is run again. A ``GenSim2Error`` is the outcome of a job. Any other exception is a bug, and the attempt
 has failed.
 """

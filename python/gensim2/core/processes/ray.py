@@ -76,7 +76,7 @@ class _Environment:
 
 
 class Head:
-    """Monitor of the head node of a Ray cluster. It has a connection that ends when the node fails.
+    """Monitor of the head node of a Ray cluster. The monitor has a connection that ends when the node fails.
 
     Ray itself would block requests for a minute after the loss, and then end this process with code 1.
 

@@ -1,4 +1,4 @@
-"""Read and write ``gensim2.json``, the manifest of an export. It has the size and the digest of every file.
+"""Read and write ``gensim2.json``, the manifest of an export. The manifest has the size and the digest of every file.
 
 The manifest is checked first. The user may change only ``README.md``. Unlisted files are not read.
 

@@ -32,8 +32,8 @@ class TurnRecord(Record):
 
     Attributes:
         answer: digest of the question. The question and its answer are in ``answers/<first 32 digits>.json``.
-        problems: faults. They are sent back to the model if the whole answer is unusable; otherwise faulty parts are
-            left out.
+        problems: faults. All faults are sent back to the model if the whole answer is unusable; otherwise faulty parts
+            are left out.
     """
 
     answer: str

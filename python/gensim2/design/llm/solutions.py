@@ -37,7 +37,7 @@ class Views(Protocol):
     def start(self, task: TaskSpec, step: str) -> LazyPicture:
         """Return a picture of the initial scene.
 
-        It shows coordinate frames and the keypoints of the object of ``step``.
+        The picture shows coordinate frames and the keypoints of the object of ``step``.
         """
         ...
 

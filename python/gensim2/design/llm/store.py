@@ -71,7 +71,7 @@ class ModelRecord(Record):
 class AnswerRecord(Record):
     """Content of ``answers/<digest>.json``.
 
-    It is a question with its answer, or with the reason ``spent`` for the lack of one.
+    The file has a question with its answer, or with the reason ``spent`` for the lack of an answer.
     """
 
     schema_version: Literal[1] = 1

@@ -46,7 +46,7 @@ def motion(thing: Affordance) -> str:
 def hinge(thing: Affordance) -> str:
     """Describe the direction of the axis of a hinge in the default placement.
 
-    It is empty if the object has no hinge.
+    The description is empty if the object has no hinge.
     """
     if thing.hinge_axes is None:
         return ""

@@ -88,7 +88,7 @@ def cached_hulls(
 ) -> tuple[list[Array], dict[str, int]]:
     """Return the hulls (N, 3) and statistics of a decomposition.
 
-    They come from the cache, or from ``make`` if they are missing or damaged.
+    If the cache has no undamaged hulls of this key, ``make`` creates them.
 
     Raises:
         InputError: the cache folder cannot be written to.

@@ -142,9 +142,9 @@ def import_object(
         scale: length in metres of one unit of the model, or ``"auto"`` (see the rules above).
         up: axis of the root frame that points up. The front of the object faces z if it is y, and -x if it is z. USD
             files state the axis themselves.
-        keypoints: positions (3,) by name, in the model's units. They are in the root frame if the name contains
-            ``base``, else in the frame of the moving link. They replace automatic keypoints. The prefix
-            ``articulated_object_`` may be omitted, as in ``head``.
+        keypoints: positions (3,) by name, in the model's units. A keypoint with ``base`` in its name is in the root
+            frame, and other keypoints are in the frame of the moving link. These keypoints replace automatic keypoints.
+            The prefix ``articulated_object_`` may be omitted, as in ``head``.
         like: id of an object of the class in ``library``. The new object gets its keypoints.
         license: licence terms of the model.
         replace: replace an existing object, even if the user edited its files.
@@ -487,7 +487,7 @@ def _near_axis(points: Array, axis: Array) -> Array:
 def usual_size(asset_class: str) -> float:
     """Return the usual longest side (m) of a class.
 
-    It is the median over three closed generated objects, or ``OTHER_SIZE``.
+    The size is the median over three closed generated objects, or ``OTHER_SIZE``.
     """
     if asset_class not in object_classes():
         return OTHER_SIZE

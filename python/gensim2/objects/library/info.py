@@ -162,7 +162,7 @@ HEAD = "articulated_object_head"
 
 
 def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """Return the axis of the object frame (4, 4) that is closest to a joint axis (3,). Both are in the link's frame."""
+    """Return the axis of the object frame (4, 4) that is closest to a joint axis (3,), both in the link's frame."""
     names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 
@@ -170,7 +170,7 @@ def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
     """Derive the contact point (3,) from the hulls of the moving link.
 
-    It is in the link's frame, in which the joint axis passes through the origin.
+    The point is in the link's frame, in which the joint axis passes through the origin.
 
     The contact point is the middle of the region that is farthest from a hinge, or of the front end of a prismatic link
     as it opens.
@@ -194,7 +194,7 @@ def read_keypoints(
 ) -> dict[str, Keypoint]:
     """Return the keypoints of ``info.json`` in metres.
 
-    They are fixed to the root if their names contain ``base``, else to ``link``.
+    Keypoints with ``base`` in their names are fixed to the root, and other keypoints to ``link``.
 
     Args:
         info: content of ``info.json``.

@@ -108,8 +108,8 @@ def _meshes(points: Array, groups: Sequence[tuple[str, npt.NDArray[np.int64]]], 
 def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
     """Write meshes as an OBJ file and an MTL file in the same folder, with one material for each appearance.
 
-    An MTL file cannot contain roughness. It is stored in the specular colour, from which :func:`read_materials` gets
-    it.
+    An MTL file cannot contain roughness. The roughness is stored in the specular colour, where :func:`read_materials`
+    finds it.
     """
     looks = list(dict.fromkeys(mesh.look for mesh in meshes))
     lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1

@@ -91,7 +91,7 @@ def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
 def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
     """Return the convex parts of the body and of the moving link.
 
-    They come from the cache if the meshes were decomposed before.
+    The parts come from the cache if the meshes were decomposed before.
     """
     digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
     for meshes in solid.values():

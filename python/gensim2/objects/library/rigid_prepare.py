@@ -70,7 +70,7 @@ def steadiness(points: Array, center: Array) -> float:
 
 
 def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
-    """Return the pose at rest on the table. It is upright if this is stable, else the most probable stable pose."""
+    """Return the pose at rest on the table: the upright pose if it is stable, else the most probable stable pose."""
     points = np.concatenate(list(hulls))
     poses = [_least_turn(-side) for side in resting_sides(points, mass.center)]
     R = max(poses, key=lambda pose: float(pose[2, 2]))
@@ -84,9 +84,9 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
 def resting_sides(points: Array, center: Array) -> Array:
     """Return the sides on which a body can rest, as outward normals (K, 3), the most probable side first.
 
-    The body is the hull of ``points`` (N, 3) with the centre of mass ``center`` (3,). It is dropped in a random
-    orientation and lands on a triangle with a probability proportional to its solid angle from the centre. Then it
-    topples until the centre is above its triangle.
+    The body is the hull of ``points`` (N, 3) with the centre of mass ``center`` (3,). A body that is dropped in a
+    random orientation lands on a triangle with a probability proportional to the triangle's solid angle from the
+    centre. Then the body topples until the centre is above its triangle.
     """
     shell = trimesh.convex.convex_hull(points).convex_hull
     corners, normals = np.asarray(shell.triangles), np.asarray(shell.face_normals)

@@ -27,8 +27,8 @@ def select(
         words: ``CLASS`` or ``CLASS/WHICH``. ``WHICH`` is an id, ``train``, ``test``, ``new``, ``all`` or ``random``.
         every: whether to add all objects of the library's own classes. Default: only if neither ``words`` nor ``drawn``
             is given.
-        drawn: number of random objects to add from each class in ``words``, or from every class. They are new objects
-            of a generated class, and any objects of a folder.
+        drawn: number of random objects to add from each class in ``words``, or from every class. For a generated class
+            these are new objects, and for a folder any objects.
         seed: seed of ``random`` and ``drawn``.
         kind: kind of the selected objects; None: both kinds.
 
@@ -85,7 +85,7 @@ def words_of_objects(
 def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
     """Return the object that ids in ``--instances`` select.
 
-    It is the first object whose class has several instances, else the first object.
+    This object is the first one whose class has several instances, else the first object.
     """
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 

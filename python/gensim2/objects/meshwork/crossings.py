@@ -36,7 +36,7 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
 
     Returns:
         Two arrays (N, H): the signed distance (m) to the point where the line enters each hull, and to the point where
-        it leaves the hull. They are inf and -inf if the line misses the hull.
+        it leaves the hull. Both distances are inf and -inf if the line misses the hull.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):

@@ -1,11 +1,12 @@
 """Find the free space in a container from its hulls. Criteria use it to decide whether an object is inside.
 
-The last keypoint of a container is the measured point. It lies in the space, or above it if objects are dropped in. It
-belongs to the link that contains objects: the moving link of a drawer, but the body of a box or a refrigerator.
+The last keypoint of a container is the measured point. The measured point lies in the space, or above it if objects are
+dropped in. Its link is the link that contains objects: the moving link of a drawer, but the body of a box or a
+refrigerator.
 
 A grid covers the hulls of this link. A cell is free if it overlaps no hull and has a floor below and walls on at least
-three sides. Three are enough, because a refrigerator is open in front. The result is a box along the axes of the link.
-It contains the connected free cells nearest to the measured point, up to the walls.
+three sides. Three walls are enough, because a refrigerator is open in front. The result is a box along the axes of the
+link with the connected free cells nearest to the measured point, up to the walls.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> Inn
     Args:
         hulls: vertices (N, 3) in the link frame, m. Results are cached by the tuple object.
         measured_point: (3,) point in the link frame, m, that marks the free space: the last keypoint of the container.
-        up: (3,) vertical direction in the link frame. It is rounded to the nearest axis of the frame.
+        up: (3,) vertical direction in the link frame, which is rounded to the nearest axis of the frame.
     """
     axis = int(np.argmax(np.abs(up)))
     return _inner_box(HullsKey(hulls), tuple(map(float, measured_point)), axis, bool(up[axis] > 0))

@@ -69,7 +69,7 @@ def first_division(
 
     The bodies on the table are assigned to the objects so that the product of the class probabilities is greatest. A
     body beside an object may be a part of this object that seems to be separate, because the arm hides the connection.
-    It is added to the object if the probability of the class hardly falls.
+    Such a body is added to the object if the probability of the class hardly falls.
 
     Args:
         cloud: (N, 3) points in a frame with a vertical z axis, m.

@@ -23,8 +23,9 @@ from gensim2.tasks.criteria import Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
 
 DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
-"""Settings of the point clouds. They contain nearly all pixels, because a small object or a thin moving part may cover
-only a dozen pixels."""
+"""Settings of the point clouds. The clouds contain nearly all pixels, because a small object or a thin moving part may
+cover only a dozen pixels.
+"""
 LEFT = 0.03
 """Minimum displacement (m) of a rigid object that has left its goal."""
 ABOVE_BOTTOM = 0.002

@@ -145,8 +145,8 @@ class RigidTracker:
         Args:
             points: (N, 3) points in the world frame, m, without points of the robot.
             on_articulated: (N,) whether the network considers each point a part of the articulated object.
-            carried: names of objects in a moving part. They are sought only near their poses, because the part hides
-                them, and parts of the articulated object, such as a knob, may have their dimensions.
+            carried: names of objects in a moving part. These objects are sought only near their poses, because the part
+                hides them, and parts of the articulated object, such as a knob, may have their dimensions.
             floors: heights (m) of the floors below released objects, by name. The objects cannot have fallen lower.
             shut: names of ``carried`` objects that are not sought, because the moving part hides its contents.
             containers: which points (N,) show the body in which an object lies at the start, by name of the object. The
@@ -189,7 +189,8 @@ class RigidTracker:
         self._hidden = {name for name in self.found if name != self.held and not (own == self._index(name)).any()}
         rest = own < 0
         if self.held is not None or self._hidden:
-            # A new cluster may be the hidden object. It becomes background only after the object has been found.
+            # A new cluster may be the hidden object. The cluster becomes background only after the object has been
+            # found.
             rest &= ~_in_new_clusters(points, changed)
         self._past = points[rest]
         for name, each in self.found.items():

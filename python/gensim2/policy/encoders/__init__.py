@@ -45,7 +45,7 @@ class PointEncoder(Protocol):
         ...
 
     def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return pooled tokens (B, K, F) and point features (B, N, G). Both are differentiable."""
+        """Return pooled tokens (B, K, F) and point features (B, N, G), which are both differentiable."""
         ...
 
 

@@ -35,7 +35,7 @@ def farthest_points(points: torch.Tensor, count: int) -> torch.Tensor:
 def squared_distances(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     """Return squared distances (B, M, N).
 
-    They are computed from differences, because a² - 2ab + b² would lose precision.
+    The distances are computed from differences, because a² - 2ab + b² would lose precision.
     """
     return (a[:, :, None] - b[:, None]).square().sum(-1)
 

@@ -54,7 +54,8 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 class InvertedResidual(nn.Module):  # type: ignore[misc]
     """InvResMLP block.
 
-    It takes a maximum over neighbours, has an MLP four times as wide inside, and a residual connection.
+    The block takes a maximum over neighbours. It has an MLP that is four times as wide inside, and a residual
+    connection.
 
     Args:
         width: number of features.
@@ -77,8 +78,8 @@ class InvertedResidual(nn.Module):  # type: ignore[misc]
 class PointNextEncoder(nn.Module):  # type: ignore[misc]
     """PointNeXt encoder.
 
-    It has 32 linear features for each point and four stages. Each stage has fewer points and twice as many features. A
-    maximum over the points follows.
+    The encoder has 32 linear features for each point and four stages. Each stage has fewer points and twice as many
+    features. A maximum over the points follows.
 
     Args:
         channels: C, number of channels of a point.

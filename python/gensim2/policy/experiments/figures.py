@@ -99,7 +99,7 @@ class TaskFigures:
 def summary(tasks: Sequence[TaskFigures]) -> dict[str, Any]:
     """Return success rates averaged over tasks, and the difference between the rates on seen and unseen objects.
 
-    Tasks have equal weight. ``said_mean`` is the rate with the correct instruction. It covers the tasks that are also
+    Tasks have equal weight. ``said_mean`` is the rate with the correct instruction, over the tasks that are also
     evaluated with the opposite instruction, such as "close" instead of "open".
     """
     totals = {kind: Rate.total([each.rate(kind) for each in tasks]) for kind in KINDS}

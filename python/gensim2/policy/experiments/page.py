@@ -76,7 +76,7 @@ def _measured(arms: list[dict[str, Any]]) -> list[Kind]:
 def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the coordinates of the report's figure.
 
-    It shows the success rates of each policy with their intervals, by evaluation.
+    The figure shows the success rates of each policy with their intervals, by evaluation.
 
     The horizontal axis is the number of training objects on a logarithmic scale, or else the policies at equal
     distances.

@@ -1,8 +1,8 @@
 """Define the columns of action chunks, and normalize chunks.
 
-A chunk of H control steps is (B, H, m + 2). It has the arm targets minus the present joints, rad or m, which stay the
-same if scene and robot are rotated about the base's z axis. The gripper command from -1 (closed) to 1 (open) follows.
-The last value is the end mark: 1 if the episode has ended by this step, else -1.
+A chunk of H control steps is (B, H, m + 2). A row has the arm targets minus the present joints, rad or m. These
+differences stay the same if scene and robot are rotated about the base's z axis. The gripper command from -1 (closed)
+to 1 (open) follows. The last value is the end mark: 1 if the episode has ended by this step, else -1.
 """
 
 from __future__ import annotations

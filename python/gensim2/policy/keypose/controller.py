@@ -31,8 +31,8 @@ MAX_LOOKS = 8
 MAX_TRIES = 2
 """Number of tries after which a strategy ranks behind strategies with fewer tries."""
 SURE = 0.8
-"""Minimum probability of "done" at which the network counts as sure. It is high because an unnecessary motion does less
-harm than a missing motion.
+"""Minimum probability of "done" at which the network counts as sure. The threshold is high because an unnecessary
+motion does less harm than a missing motion.
 """
 SURER = 10.0
 """Factor by which the odds of "done" must have grown since the first prediction; otherwise the prediction does not

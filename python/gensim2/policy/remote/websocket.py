@@ -17,7 +17,8 @@ def unfragmented(kind: Any, chunk: int = CHUNK, most: float = math.inf) -> Any:
     """Return a connection class that closes the connection on a fragmented message or too many control frames.
 
     Messages have a single frame. The websockets library limits the size of a message but not the number of its
-    fragments, which could fill the memory. It also answers every ping, even if the peer never reads the answers.
+    fragments, which could fill the memory. The library also answers every ping, even if the peer never reads the
+    answers.
 
     Args:
         kind: ``ClientConnection`` or ``ServerConnection`` of ``websockets.sync``.
@@ -54,7 +55,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        # The library may read from a connection that it has just closed. This is harmless.
+        # Reading from a connection that the library has just closed is harmless.
         if isinstance(error, EOFError):
             return
         self._said(one_line(record.getMessage() if error is None else f"{record.getMessage()}: {error}"))

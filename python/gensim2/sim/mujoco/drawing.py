@@ -103,7 +103,7 @@ class SceneRenderer:
 class MujocoDrawing(StateDrawing):
     """Object that draws states with MuJoCo as the video camera sees them.
 
-    It has the constructor of :class:`StateDrawing`.
+    The constructor is the one of :class:`StateDrawing`.
     """
 
     def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel]) -> None:
@@ -119,7 +119,10 @@ class MujocoDrawing(StateDrawing):
 
 
 def _model(scene: RaycastScene, width: int, height: int) -> mujoco.MjModel:
-    """Compile a model for drawing. It has a mocap body for each solid of the scene, and then one for each camera."""
+    """Compile a model for drawing.
+
+    The model has a mocap body for each solid of the scene, and then one for each camera.
+    """
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.stat.extent, spec.stat.center = 1.0, (0.5, 0.0, 0.0)

@@ -72,7 +72,10 @@ class Composition:
 
 
 def skills_of(known: Sequence[Known], catalog: Catalog) -> list[Skill]:
-    """Return the known tasks with a single step and one articulated object. They can be steps of longer tasks."""
+    """Return the known tasks with a single step and one articulated object.
+
+    Longer tasks can use these tasks as steps.
+    """
     found = []
     for each in known:
         task = each.task
@@ -187,7 +190,10 @@ def _classes(
 
 
 class _Chain:
-    """Builder of steps from an answer. It tracks the hand and the joint, and finds preconditions that are not met."""
+    """Builder of steps from an answer.
+
+    The builder tracks the hand and the joint, and finds preconditions that are not met.
+    """
 
     def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
         self.role, self.other, self.skills, self.problems = role, other, skills, problems

@@ -107,7 +107,7 @@ def read_decomposition(data: Sequence[Data], catalog: Catalog, found: Proposal, 
 def _listed(data: Sequence[Data]) -> list[Data]:
     """Return the sub-tasks in an answer.
 
-    They are a list under a key, a list at the top level, or successive JSON objects.
+    The sub-tasks are a list under a key, a list at the top level, or successive JSON objects.
     """
     for each in reversed(data):
         for key in ("sub-tasks", "subtasks", "sub_tasks", ITEMS):

@@ -189,7 +189,7 @@ def upright_lid(
 ) -> Blueprint:
     """Return the blueprint of a box or laptop whose lid is upright at joint value zero and closed at -90 degrees.
 
-    ``lid``, ``head`` and ``tail`` describe the closed lid. They are rotated to joint value zero.
+    ``lid``, ``head`` and ``tail`` describe the closed lid. The function rotates them to joint value zero.
     """
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     moved = {

@@ -123,7 +123,7 @@ def _below(
 ) -> list[Solid]:
     """Generate a random lower part from y = ``low`` to ``high``.
 
-    It has doors, a stack of fixed drawers, or a shelf.
+    The lower part has doors, a stack of fixed drawers, or a shelf.
     """
     kind, tall, y = int(rng.integers(3)), high - low, (low + high) / 2
     handles = int(rng.bit_generator.random_raw())

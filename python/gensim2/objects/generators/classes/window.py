@@ -15,7 +15,7 @@ from gensim2.objects.shapes import Look, Solid, Vec3, box
 class WindowFrame:
     """Dimensions of a window (m): inner size, frame bars and sash.
 
-    It also has the materials of the frame and the metal parts.
+    The class also has the materials of the frame and the metal parts.
     """
 
     width: float
@@ -49,7 +49,7 @@ def surround(frame: WindowFrame) -> list[Solid]:
 
 
 def sash(center: Vec3, width: float, height: float, frame: WindowFrame) -> list[Solid]:
-    """Return the sash of a window. It has four rails, a pane, and a vertical bar without a collision shape."""
+    """Return the sash of a window: four rails, a pane, and a vertical bar without a collision shape."""
     at = np.asarray(center, float)
     rail = 0.018
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])

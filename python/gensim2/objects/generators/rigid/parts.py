@@ -224,7 +224,7 @@ def shifted(parts: Sequence[Solid], by: Vec3) -> list[Solid]:
 def curved(points: Sequence[Vec3], radii: Sequence[float], look: Look, sides: int = 10) -> list[Solid]:
     """Return a round bar of varying radius along a polyline.
 
-    It has one hull for each segment and one smooth visual surface.
+    The bar has one hull for each segment and one smooth visual surface.
     """
     from gensim2.objects.shapes import loft
 
