@@ -44,11 +44,11 @@ def run(
 
     Args:
         task: name of a library task, or a folder with a task.
-        minutes: time limit of the run.
+        minutes: time limit.
         episodes: maximum number of episodes. None: no maximum for a simulated arm, one episode for a real arm. A real
             arm that moves can run only one episode, because a person must lay out each scene.
         faults: faults to inject.
-        log: folder of the log; None for no log.
+        log: folder of the log; None: no log.
         keys: keyboard with which a person resumes or stops the arm.
         watching: additional receivers of the log's data, such as a web page.
         line: see :class:`~gensim2_robot.config.LineConfig` and :class:`~gensim2.scenes.config.SceneArguments`.

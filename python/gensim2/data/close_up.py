@@ -1,6 +1,6 @@
 """Draw close-ups of the fingertips for videos.
 
-The view is from beside the hand, because the hand hides the contact in other views.
+The view is from beside the hand, which hides the contact in other views.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TEXT_HEIGHT, SMALL_TEXT_HEIGHT = 14, 11
 
 
 class CloseUp:
-    """Object that draws a close-up of the fingertips into a corner of video frames. It chooses the least hidden side.
+    """Object that draws a close-up of the fingertips, from the least hidden side, into a corner of video frames.
 
     Args:
         profile: robot profile.
@@ -53,7 +53,7 @@ class CloseUp:
 
         Args:
             picture: frame of the video.
-            states: recorded states at the time of the frame, in ManiSkill's layout, arrays of shape (1, ...).
+            states: recorded states at this time in ManiSkill's layout, arrays (1, ...).
         """
         link = self._profile.hand_link
         pose = self._scene.link_poses(states, self._profile.agent, link)[0]
@@ -100,7 +100,7 @@ def _camera(profile: RobotProfile, side: float, size: int) -> Camera:
 
 
 def _hidden(view: View) -> float:
-    """Return the fraction of the centre of the picture in which something hides the fingertips."""
+    """Return the fraction of the picture's centre in which something hides the fingertips."""
     third = view.depth.shape[0] // 3
     middle = view.depth[third : 2 * third, third : 2 * third]
     return float(np.mean((middle > 0) & (middle < np.hypot(DISTANCE, BEHIND) - BLOCKED)))

@@ -215,8 +215,8 @@ class Verification:
         episodes: episodes in the order of the seeds.
         threshold: smallest success rate for keeping the task.
         instances: set of the objects. ``"new"``: generated objects that the library does not list; ``"test"``: the test
-            split; ``"all"``: all objects, if a class has too few for the other sets. The search used no object of the
-            sets ``"new"`` and ``"test"``.
+            split; ``"all"``: all objects, if a class has too few for the others. The search used no object of the sets
+            ``"new"`` and ``"test"``.
         second: episodes in the same scenes in the other physics engine; None if only one engine is used.
     """
 
@@ -264,7 +264,7 @@ class DesignEffort:
     Attributes:
         candidates: number of planned candidates.
         episodes: number of simulated episodes.
-        cpu_s: CPU time of all processes in this call, s; close to 0 if an earlier call ran the search.
+        cpu_s: CPU time of all processes in this call, s; about 0 if an earlier call searched.
     """
 
     candidates: int

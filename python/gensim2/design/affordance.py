@@ -56,7 +56,7 @@ class Affordance:
         kind: ``"articulated"`` or ``"rigid"``.
         noun: everyday name of an object of the class.
         description: phrase that describes the class.
-        size: (3,) depth (away from the robot), width and height of the object at rest, with the joint at zero, m.
+        size: (3,) depth (away from the robot), width and height at rest, with the joint at zero, m.
         mass: mass, kg.
         keypoints: descriptions by name of the keypoints that all instances have. The last keypoint is the measured one.
         lever_arms: distances (m) of moving keypoints from the axis. The distances are zero for a prismatic joint; a

@@ -47,9 +47,9 @@ class Classes(Mapping[str, Affordance]):
 
     Args:
         library: object library.
-        instances: value of ``--instances``; classes without matching instances are left out.
-        seed: seed of the order of the classes and of the sampled instances.
-        folder: run folder, in which the sampled objects are recorded.
+        instances: value of ``--instances``; classes without any are left out.
+        seed: seed of the order of classes and of the sampled instances.
+        folder: run folder, which records the sampled objects.
         progress: progress listener.
 
     Attributes:

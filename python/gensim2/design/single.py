@@ -78,7 +78,7 @@ def demo(
         ```
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and strategies/.
+        task: name of a library task, or folder with task.yaml and strategies/.
         episodes: number of successful demonstrations to keep.
         seed: seed of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
@@ -89,7 +89,7 @@ def demo(
         scene: options of scenes, execution and worker processes: see :class:`~gensim2.rollout.config.RunArguments`.
 
     Returns:
-        The run folder, the number of demonstrations, and counts over all episodes that were run.
+        Run folder, number of demonstrations, and counts over all episodes.
 
     Raises:
         InputError: an argument cannot be used.

@@ -1,4 +1,4 @@
-"""List the joint types and the descriptions of the 34 articulated classes in Table 3 of the GenSim2 paper."""
+"""List joint types and descriptions of the paper's 34 articulated classes (Table 3)."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ class SceneBody:
 
     Attributes:
         name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
-        hulls: vertices (N, 3) of the hulls in the body frame, metres. The tuple stays the same object during an
-            episode, so that planners can cache results by it.
+        hulls: vertices (N, 3) of the hulls in the body frame, metres. The tuple stays the same object, so that planners
+            can cache by it.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
@@ -110,7 +110,7 @@ class Scene:
         held_width: distance between the finger pads while they hold the object, m; None if unknown.
         held_force: force of each finger on the grasped object, N.
         finger_friction: friction coefficient of the fingers' surface; None if unknown.
-        finger_stiffness: stiffness of the finger drives, N/m; None: the stiffness in the robot profile.
+        finger_stiffness: stiffness of the finger drives, N/m; None: that of the robot profile.
     """
 
     q: Array

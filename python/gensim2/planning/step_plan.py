@@ -33,10 +33,9 @@ class StepPlan:
         width: distance between the finger pads at the grasp of ``picks``, m.
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
-        touches: reason why planning without early contact failed. None if ``plan`` has no early contact.
-        whole: if ``plan`` is a shortened motion, the failed plan of the complete motion; otherwise None.
-        foreseen: plan of a later step that has the grasped object as its tool, from the scene ``after``. None if it was
-            not made.
+        touches: reason why planning without early contact failed; None without early contact.
+        whole: failed plan of the complete motion if ``plan`` is a shortened motion, else None.
+        foreseen: plan of a later step with the grasped object as its tool, from the scene ``after``; or None.
     """
 
     status: str
@@ -103,5 +102,5 @@ class Foreseen:
     plan: kpam.Plan
 
 
-#: A step and the strategies of this step. The strategies are in order of preference.
+#: A step and its strategies in order of preference.
 Ways = tuple[Step, Sequence[Strategy]]

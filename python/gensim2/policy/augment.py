@@ -1,7 +1,7 @@
 """Augment training batches.
 
-The augmentations are point jitter, point dropout, a colour shift, a yaw rotation of the whole scene, and noise on the
-arm's joints.
+The augmentations are point jitter, point dropout, a colour shift, a yaw rotation of the scene, and noise on the arm's
+joints.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def augmented(
         seen: observation columns (B, T, ...), base frame.
         training: strength of each augmentation.
         generator: random generator on the tensors' device.
-        ordered: whether the network identifies points by their index. If True, no point is dropped.
+        ordered: whether the network identifies points by index. If True, no point is dropped.
     """
     found = dict(seen)
     cloud = seen[CLOUD]
@@ -82,9 +82,9 @@ def off_its_way(
     """Perturb the arm's joints in half of the samples, to teach motions back to the demonstrated path (Ke et al. 2021).
 
     All frames of a perturbed sample get the same Gaussian noise on the joints, with a standard deviation of at most
-    ``arm_noise``. Their tool poses are computed again. The noise is subtracted from the relative actions, so that they
-    still lead to the demonstrated joints. Samples in which the hand may hold an object are not changed, because the
-    object would have to move along.
+    ``arm_noise``, and new tool poses. The noise is subtracted from the relative actions, so that they still lead to the
+    demonstrated joints. Samples in which the hand may hold an object are not changed, because the object would have to
+    move along.
 
     Args:
         batch: columns (B, T, ...) in the base frame. Clouds do not contain the robot, and actions are relative to the

@@ -133,10 +133,10 @@ def planner_spec(task: TaskSpec, strategies: Strategies, rollout: RolloutOptions
     """Return the specification of the controller that plans and executes the steps of a task.
 
     Args:
-        task: the task. Only a controller that estimates scenes has the task in its specification; other controllers get
-            the task when they are created.
+        task: the task. Only a controller that estimates scenes has it in the specification; others get it when they are
+            created.
         strategies: strategies by name, as plain data.
-        rollout: options of the episode. They select the scene that the planner gets: the true scene or an estimate.
+        rollout: options of the episode, which select the planner's scene: the true scene or an estimate.
     """
     if rollout.is_estimated:
         arguments = {"task": task.model_dump(mode="json"), "strategies": strategies, "robot_name": robot_name}

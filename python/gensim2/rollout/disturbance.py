@@ -36,12 +36,11 @@ class Disturbed(WrappedController):
     """Controller with one disturbance in each episode, which affects the first rigid object that the task acts on.
 
     Args:
-        controller: controller that gives the actions. It is not informed about the disturbance.
+        controller: controller that gives the actions.
         world: world in which the controller acts.
         task: the task. If no step acts on a rigid object, no disturbance occurs.
-        kind: ``"push"`` moves the object by 3 cm before the hand touches it; ``"drop"`` opens the fingers that carry
-            it.
-        seed: seed of the episode, which determines the time and the direction of the disturbance.
+        kind: ``"push"`` moves the object by 3 cm before the hand touches it; ``"drop"`` opens the fingers.
+        seed: seed of the episode, from which time and direction follow.
     """
 
     privileged = True  # This controller reads the object's pose from the simulator.

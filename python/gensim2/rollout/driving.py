@@ -72,7 +72,7 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
 
     Args:
         body: robot, which is reset first. A robot that cannot wait is stepped at the control rate.
-        controller: controller, which must not be privileged.
+        controller: controller that is not privileged.
         steps: maximum number of control steps.
         seed: seed of the reset and of the controller.
 

@@ -109,10 +109,10 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     """Return the names of the tasks in the library, sorted.
 
     Args:
-        origin: ``"paper"`` for the paper's suite, or the name of a designer; None: all tasks.
+        origin: ``"paper"`` for the paper's suite, or a designer's name; None: all tasks.
 
     Raises:
-        InputError: no task has this origin (the message lists the origins), or a task cannot be read.
+        InputError: no task has this origin, or a task cannot be read.
 
     Example:
         ```python

@@ -48,7 +48,7 @@ PAPER: dict[str, tuple[float, float]] = {
     "SecureGoldInSafe": (0.21, 0.05),
     "FillMugWithWater": (0.13, 0.04),
 }
-"""Mean rate and deviation over five runs, for 24 single-step tasks and 14 long tasks. The last four have half the
+"""Mean rate and deviation over five runs, of 24 single-step tasks and 14 long tasks. The last four have half the
 ranges.
 """
 
@@ -80,8 +80,8 @@ MEASURED: dict[str, tuple[int, int]] = {
 }
 """Results of the release of the original GenSim2: successes by the paper's verdict, and number of episodes.
 
-Objects are real, and ranges are the paper's. Here ten of the thirty episodes of each task count; ``MEASURED_IN_ALL``
-has the totals of all thirty.
+Objects are real, and ranges are the paper's. Here ten of the thirty episodes of a task count; ``MEASURED_IN_ALL`` has
+the totals of all thirty.
 """
 
 MEASURED_IN_ALL: dict[str, tuple[int, int]] = {"single-step": (556, 720), "long-horizon": (8, 50)}

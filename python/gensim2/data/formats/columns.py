@@ -87,8 +87,7 @@ def seen_columns(arrays: Mapping[str, npt.NDArray[Any]], *, known: bool = False)
 
     Args:
         arrays: arrays by name; ``pointcloud/xyz`` in m.
-        known: whether the points are the simulator's keypoints. Keypoints are exported as ``environment_state`` instead
-            of a cloud.
+        known: whether the points are the simulator's keypoints, exported as ``environment_state`` instead of a cloud.
     """
     found: dict[str, npt.NDArray[Any]] = {}
     if (points := arrays.get(XYZ)) is not None:

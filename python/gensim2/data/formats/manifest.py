@@ -39,7 +39,7 @@ class FileRecord(_Record):
     """One file of an export.
 
     Attributes:
-        size: size, bytes.
+        size: bytes.
         sha256: digest, 64 hexadecimal digits.
     """
 
@@ -52,7 +52,7 @@ class Manifest(_Record):
 
     Attributes:
         format: format of the export.
-        files: record of each file, by its path with forward slashes.
+        files: record of each file by path, with forward slashes.
     """
 
     schema_version: Literal[1] = MANIFEST_SCHEMA

@@ -152,12 +152,12 @@ class Ask(Generic[T]):
 
     Attributes:
         subject: name of the task; empty if the task has no name yet.
-        about: part of the task that the question is about. It distinguishes the questions of one stage.
+        about: part of the task that the question is about, which distinguishes questions of one stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
-        read: function that converts the data of an answer to a value. It raises Wrong or InputError for invalid data.
+        read: function that converts an answer's data to a value. It raises Wrong or InputError for invalid data.
         pictures: pictures sent with the prompt.
-        sample: number that distinguishes repetitions of a question.
+        sample: number of the repetition of a question.
         remarks: list for the faults of parts that ``read`` leaves out. The record of the conversation stores them.
         prose: whether ``read`` gets the unparsed text of the answer, under the key ``text``.
     """

@@ -22,15 +22,15 @@ class ModelOptions(BaseModel):
     """A model at an endpoint that speaks the OpenAI protocol, and the request settings.
 
     Attributes:
-        model: model name at the endpoint.
-        base_url: address of the endpoint; None: ``$OPENAI_BASE_URL`` or, if unset, OpenAI's address.
+        model: name at the endpoint.
+        base_url: address of the endpoint; None: ``$OPENAI_BASE_URL``, else OpenAI's address.
         key_variable: environment variable that holds the API key; self-hosted endpoints need no key.
         temperature: sampling temperature; None: default of the endpoint.
         max_tokens: maximum length of an answer, tokens.
         timeout: maximum seconds for one attempt, from the first byte sent to the last byte received.
         retries: number of retries after a failure of the endpoint or the network.
         concurrency: maximum number of concurrent requests.
-        price_in, price_out: USD per million tokens of questions and of answers; None: unknown.
+        price_in, price_out: USD per million tokens of questions and answers; None: unknown.
         budget: maximum USD that a run may spend; None: no limit.
         structured: whether requests include a JSON schema; ``"auto"``: include a schema until the endpoint refuses it.
     """

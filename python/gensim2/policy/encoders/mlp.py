@@ -12,8 +12,8 @@ ROWS = 1024
 class StateEncoder(nn.Module):  # type: ignore[misc]
     """MLP that encodes a cloud with a fixed order of points, such as keypoints.
 
-    It computes one token from all points together. Some heads need a feature for each point: it is the linear embedding
-    of the point, joined with the token.
+    It computes one token from all points. Some heads need a feature of each point, which is the point's linear
+    embedding joined with the token.
 
     Args:
         channels: C, number of channels of a point.
@@ -48,9 +48,8 @@ class StateEncoder(nn.Module):  # type: ignore[misc]
 class MlpEncoder(nn.Module):  # type: ignore[misc]
     """MLP 64-128-192 with LayerNorm on each point, followed by a maximum over the points.
 
-    The maximum passes gradients only to the largest point of each channel, which are about 90 of 512 points. Therefore
-    these points are found without gradients first, and only they are evaluated with gradients. The result is the same
-    in less than half of the time.
+    The maximum passes gradients only to the largest point of each channel, about 90 of 512 points. So these points are
+    found without gradients first, and only they are evaluated with gradients, in half of the time.
 
     Args:
         channels: C, number of channels of a point.

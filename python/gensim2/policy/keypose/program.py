@@ -35,11 +35,11 @@ class KeyposeProgram:
 
     Attributes:
         positions: (K, 3) positions of the hand in the robot's base frame, m.
-        rotations: (K, 3, 3) hand rotations in the base frame.
+        rotations: (K, 3, 3) hand rotations, base frame.
         gripper: (K + 1,) commands from -1 to 1: first the command before the arm moves, then the command at each pose.
-        seconds: (K,) time from the previous pose to each pose, s. The first entry is unused, because the planner times
-            the free motion.
-        force: force of each finger on the grasped object, N; 0 without an object.
+        seconds: (K,) time from the previous pose to each pose, s. The first entry is unused: the planner times the free
+            motion.
+        force: force of each finger on the grasped object, N; else 0.
     """
 
     positions: Float32

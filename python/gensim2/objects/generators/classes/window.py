@@ -67,7 +67,7 @@ def push(rng: np.random.Generator) -> Blueprint:
     frame = draw(rng)
     body = surround(frame)
     half = frame.width / 2
-    # The right sash is fixed and lies farther back. The left sash slides in front of the right sash.
+    # The left sash slides in front of the right sash, which is fixed.
     z_fixed, z = -0.6 * frame.sash, 0.6 * frame.sash
     tall = frame.height - 0.006
     body += sash((half / 2, 0, z_fixed), half, frame.height, frame)
