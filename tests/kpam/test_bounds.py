@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -228,6 +229,27 @@ def interrupted(call: Any) -> float:
 def test_ctrl_c_ends_a_batch(panda: kpam.Robot) -> None:
     scenes = [problem(panda)] * 100_000
     assert interrupted(lambda: kpam.plan_batch(scenes, threads=2)) < 2.0
+
+
+def test_a_forked_process_plans(panda: kpam.Robot) -> None:
+    """Threads do not survive a fork, so the new process must start its own."""
+    scene = problem(panda)
+    expected = kpam.plan(scene).status
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child == 0:
+        os._exit(0 if kpam.plan(scene).status == expected else 1)
+    end = time.monotonic() + 30.0
+    ended, code = os.waitpid(child, os.WNOHANG)
+    while not ended and time.monotonic() < end:
+        time.sleep(0.01)
+        ended, code = os.waitpid(child, os.WNOHANG)
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    assert ended == child
+    assert os.waitstatus_to_exitcode(code) == 0
 
 
 def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:

@@ -42,6 +42,7 @@ impl Corners {
 
     /// Adds `points`, transformed by `pose`, to the vertices.
     pub(crate) fn add(&mut self, points: &[Point3<f64>], pose: &Pose) {
+        self.blocks.reserve(points.len().div_ceil(LANES));
         // The sum is non-finite if any coordinate is, so the loop needs no branch.
         let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);

@@ -3,6 +3,7 @@
 //! same bits.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::sync::OnceLock;
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -221,7 +222,9 @@ pub fn wide<W: Wide>(work: W) -> W::Output {
             self.0.run()
         }
     }
-    Arch::new().dispatch(Dispatched(work))
+    // Detecting the instruction set takes longer than many of these computations.
+    static ARCH: OnceLock<Arch> = OnceLock::new();
+    ARCH.get_or_init(Arch::new).dispatch(Dispatched(work))
 }
 
 #[cfg(test)]

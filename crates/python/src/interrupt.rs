@@ -1,8 +1,9 @@
 //! Long work that Ctrl-C can interrupt: it runs on its own thread without the GIL, while the calling thread checks for
-//! signals.
+//! signals. Each calling thread keeps one such thread for its next call, because starting one takes longer than many plans.
 
+use std::cell::Cell;
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SendError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,6 +18,34 @@ const POLL: Duration = Duration::from_millis(50);
 /// Time that cancelled work gets to end.
 const GRACE: Duration = Duration::from_millis(300);
 
+type Job = Box<dyn FnOnce() + Send>;
+
+thread_local! {
+    /// Idle thread that runs the work of this thread, and the process that started it.
+    static WORKER: Cell<Option<(u32, Sender<Job>)>> = const { Cell::new(None) };
+}
+
+/// Passes work to the idle thread, or to a new one if there is none; returns the thread.
+fn start(job: Job) -> PyResult<Sender<Job>> {
+    let job = match WORKER.try_with(Cell::take).ok().flatten() {
+        Some((process, worker)) if process == std::process::id() => match worker.send(job) {
+            Ok(()) => return Ok(worker),
+            // The thread has ended because its last work panicked.
+            Err(SendError(job)) => job,
+        },
+        other => {
+            // A forked process has no such thread, and the state of the channel is unknown.
+            std::mem::forget(other);
+            job
+        }
+    };
+    let failed = |e: &dyn std::fmt::Display| KpamError::new_err(format!("threads: cannot be started ({e})"));
+    let (worker, jobs) = channel::<Job>();
+    thread::Builder::new().spawn(move || jobs.into_iter().for_each(|job| job())).map_err(|e| failed(&e))?;
+    worker.send(job).map_err(|e| failed(&e))?;
+    Ok(worker)
+}
+
 /// Runs `work` on its own thread. If a signal handler raises an exception meanwhile, this function sets the flag
 /// `cancel`, waits until `work` ends or [`GRACE`] has passed, and returns the exception. Work that ignores the flag,
 /// such as building a tree over millions of triangles, ends later on its thread; its cached results are kept.
@@ -27,14 +56,15 @@ pub(crate) fn interruptible<T: Send + 'static>(
 ) -> PyResult<T> {
     let (sender, receiver) = channel();
     let flag = cancel.clone();
-    thread::Builder::new()
-        // Sending fails if a signal has made the caller return before the work ended.
-        .spawn(move || drop(sender.send(work(&flag))))
-        .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
+    // Sending fails if a signal has made the caller return before the work ended.
+    let worker = start(Box::new(move || drop(sender.send(work(&flag)))))?;
     let receiver = Mutex::new(receiver);
     loop {
         match wait(py, &receiver) {
-            Ok(value) => return Ok(value),
+            Ok(value) => {
+                WORKER.with(|idle| idle.set(Some((std::process::id(), worker))));
+                return Ok(value);
+            }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(KpamError::new_err("internal error: the work ended without a result; please report it"));

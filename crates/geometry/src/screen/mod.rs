@@ -42,6 +42,8 @@ const CULL: f64 = 0.2;
 const HELD_BALLS: usize = 40;
 /// Rounding error of single precision (m) per metre of the robot's size.
 const SLACK: f64 = 1e-5;
+/// Whole turns are subtracted from angles (rad) beyond this.
+const SMALL: f64 = 4.0;
 /// Cloud points more than this distance (m) beyond the robot's reach get a separate grid, so that stray points neither
 /// coarsen the main grid nor reduce its precision.
 const BEYOND: f64 = 1.0;
@@ -188,9 +190,9 @@ impl Batch {
     /// Sets the value of one joint (rad or m) in every lane. All lanes must have been [set](Self::set) before.
     pub fn set_joint(&mut self, screen: &Screen, joint: usize, values: [f64; LANES]) {
         let Some(lanes) = self.q.get_mut(joint) else { return };
-        for (lane, value) in values.into_iter().enumerate() {
-            lanes.set(lane, screen.turned(joint, value));
-        }
+        // A NaN must not count as a small angle.
+        let is_small = values.iter().all(|value| value.abs() <= SMALL);
+        *lanes = F32x8::new(values.map(|value| if is_small { value as f32 } else { screen.turned(joint, value) }));
     }
 }
 
@@ -309,7 +311,7 @@ impl Screen {
     /// Returns a joint value in single precision. Whole turns are subtracted, since small angles have a higher precision.
     fn turned(&self, joint: usize, value: f64) -> f32 {
         match self.revolute.get(joint) {
-            Some(true) if value.abs() > 4.0 => {
+            Some(true) if value.abs() > SMALL => {
                 (value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()) as f32
             }
             _ => value as f32,

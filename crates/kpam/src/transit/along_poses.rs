@@ -294,7 +294,7 @@ impl Transit<'_> {
                     }
                     Err(Stuck::Near(near)) => Err((last, NoMotion::NotFound(Some(near)))),
                     Err(Stuck::Untimed) => Err((last, NoMotion::Untimed)),
-                    Err(Stuck::Off | Stuck::Over) => Err((last, NoMotion::NotFound(None))),
+                    Err(Stuck::Off | Stuck::Blocked | Stuck::Over) => Err((last, NoMotion::NotFound(None))),
                 };
             };
             // A motion that leaves the lines near a pose stops there.

@@ -19,6 +19,8 @@ const FINEST: f64 = 8.0;
 /// Factor by which the edges of a final path are checked more densely than those of the search.
 const FINER: f64 = 2.0;
 
+/// Rounding error of the number of steps of an edge.
+const ROUNDING: f64 = 1e-6;
 /// Number of most recently hit obstacles that are checked before all others.
 const LATEST: usize = 6;
 
@@ -221,7 +223,7 @@ impl<'s> Field<'s> {
     /// Returns whether the configurations checked along the straight edge from `a` to `b` are free; `a` is known to be
     /// free. They are spread over the whole edge first, then increasingly dense, and include `b`.
     pub fn is_edge_free(&mut self, a: &Row, b: &Row) -> bool {
-        let steps = ((self.length(a, b) / self.resolution).ceil() as usize).max(1);
+        let steps = ((self.length(a, b) / self.resolution - ROUNDING).ceil() as usize).max(1);
         let batches = steps.div_ceil(LANES);
         for batch in 0..batches {
             let mut count = 0;

@@ -162,6 +162,8 @@ enum Stuck {
     /// The curve violates the path constraints.
     Off,
     Untimed,
+    /// The path is blocked between the configurations that the search has checked.
+    Blocked,
     /// Planning was cancelled, or a limit of the search was reached.
     Over,
 }
@@ -275,9 +277,6 @@ impl Transit<'_> {
                 continue;
             };
             for path in &paths {
-                if !field.is_way_free(path) {
-                    continue;
-                }
                 let Some((number, _, close)) = open.iter().find(|g| path.last() == Some(&g.1)) else { continue };
                 let needs = nearer(&[&at_start, close], margin);
                 let timed = match self.is_moving {
@@ -286,6 +285,7 @@ impl Transit<'_> {
                 };
                 match timed {
                     Ok(trajectory) => return Ok(told_of(&field, trajectory, path, *number, close)),
+                    Err(Stuck::Blocked) => {}
                     Err(stuck) => {
                         strained = matches!(stuck, Stuck::Untimed).then(|| self.strained(path)).flatten();
                         breach = Some(stuck);
@@ -297,7 +297,7 @@ impl Transit<'_> {
         Err(self.ending.reason().unwrap_or(match breach {
             Some(Stuck::Untimed) => strained.unwrap_or(NoMotion::Untimed),
             Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
-            Some(Stuck::Off | Stuck::Over) | None => NoMotion::NotFound(None),
+            Some(Stuck::Off | Stuck::Blocked | Stuck::Over) | None => NoMotion::NotFound(None),
         }))
     }
 
@@ -417,7 +417,13 @@ impl Transit<'_> {
             if corners.len() < 3 {
                 return Err(breach);
             }
+            if rounding.is_blocked(field) {
+                break;
+            }
             rounding.tighten();
+        }
+        if rounding.is_blocked(field) {
+            return Err(Stuck::Blocked);
         }
         let mut builder = self.builder();
         let straight = |edge: &[Row]| Spline::through(n, edge, None);

@@ -244,6 +244,9 @@ impl Transit<'_> {
             }
             rounding.tighten();
         }
+        if rounding.is_blocked(field) {
+            return Err(Stuck::Blocked);
+        }
         let Some(lead) = self.lead(&corners[0]) else { return Err(stuck) };
         let mut builder = self.builder();
         let rest = [0.0; MAX_JOINTS];

@@ -5,7 +5,7 @@ use crate::model::{Model, Row, between};
 use crate::timing::{Spline, distance};
 
 /// Initial spacing of waypoints (rad or m), which determines how far before and after a corner the curve bends.
-const WIDEST: f64 = 0.6;
+const WIDEST: f64 = 0.9;
 /// Minimum spacing of waypoints (rad or m). A curve with tighter corners would be slower than a stop at each corner.
 const TIGHTEST: f64 = 0.02;
 /// Distance between neighbouring checked configurations of a curve (rad or m).
@@ -16,11 +16,13 @@ pub(crate) struct Rounding<'c> {
     corners: &'c [Row],
     /// Distance between neighbouring waypoints of each edge (rad or m).
     spacing: Vec<f64>,
+    /// Whether the edges of the path are free, if they have been checked more densely than during the search.
+    is_free: Option<bool>,
 }
 
 impl<'c> Rounding<'c> {
     pub fn new(corners: &'c [Row]) -> Self {
-        Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
+        Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)], is_free: None }
     }
 
     /// Returns the next curve whose checked configurations are free, its waypoints, and the number of waypoints after
@@ -53,8 +55,8 @@ impl<'c> Rounding<'c> {
                 let first = edge_of.iter().filter(|edge| **edge == 0).count();
                 return Some((path, waypoints, first));
             };
-            // A straight path has no corners to tighten.
-            if self.corners.len() < 3 {
+            // A straight path has no corners to tighten, and no curve along a blocked path is free.
+            if self.corners.len() < 3 || self.is_blocked(field) {
                 return None;
             }
             let edge = edge_of[interval];
@@ -69,6 +71,12 @@ impl<'c> Rounding<'c> {
                 self.spacing[edge + 1] *= 0.5;
             }
         }
+    }
+
+    /// Returns whether an edge of the path itself is blocked. Most curves are free at once, so the edges are checked only
+    /// when a curve is blocked.
+    pub fn is_blocked(&mut self, field: &mut Field<'_>) -> bool {
+        !*self.is_free.get_or_insert_with(|| field.is_way_free(self.corners))
     }
 
     /// Makes every corner tighter.

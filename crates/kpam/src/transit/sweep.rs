@@ -12,10 +12,10 @@ use crate::{Cancel, Scene, Trajectory};
 
 /// Maximum length (m) of the parts into which a motion is divided at first; joint movements are multiplied by lever
 /// arms.
-const FIRST: f64 = 0.09;
+const FIRST: f64 = 0.045;
 /// Minimum number of positions from which the length of the motion is summed, the maximum time between them (s), and
 /// their maximum number.
-const LEAST_STEPS: f64 = 24.0;
+const LEAST_STEPS: f64 = 32.0;
 const STEP: f64 = 0.1;
 const MAX_STEPS: f64 = 5e3;
 /// Maximum number of checked configurations. A motion that needs more is not proven.
@@ -39,8 +39,10 @@ struct Places {
     times: Vec<f64>,
     /// Full joint vectors, one after another.
     q: Vec<f64>,
-    /// Poses of the links, empty until they are needed.
-    poses: Vec<Vec<Pose>>,
+    /// Poses of the links at the places where they were needed, one place after another, and the index of the first pose
+    /// of each place.
+    poses: Vec<Pose>,
+    posed: Vec<Option<usize>>,
 }
 
 /// Proof that one motion is collision-free.
@@ -58,6 +60,7 @@ pub(super) struct Sweep<'s> {
     places: Places,
     travel: Vec<Travel>,
     q: Vec<f64>,
+    poses: Vec<Pose>,
     normals: Normals,
 }
 
@@ -77,6 +80,7 @@ impl<'s> Sweep<'s> {
             places: Places::default(),
             travel: vec![Travel::default(); scene.robot().joints().len()],
             q: Vec::new(),
+            poses: Vec::new(),
             normals: Normals::default(),
         }
     }
@@ -162,6 +166,7 @@ impl<'s> Sweep<'s> {
         self.places.times.clear();
         self.places.q.clear();
         self.places.poses.clear();
+        self.places.posed.clear();
         let (start, end) = (motion.start(), motion.end());
         let steps = ((end - start) / STEP).ceil().clamp(LEAST_STEPS, MAX_STEPS);
         let mut last = motion.moving(start);
@@ -193,7 +198,7 @@ impl<'s> Sweep<'s> {
         self.model.map().positions(x, &mut self.q);
         self.places.q.extend_from_slice(&self.q);
         self.places.times.push(time);
-        self.places.poses.push(Vec::new());
+        self.places.posed.push(None);
         self.checks += 1;
         self.places.times.len() - 1
     }
@@ -243,12 +248,12 @@ impl<'s> Sweep<'s> {
                 kept += 1;
                 continue;
             };
-            self.pose(o.from);
-            self.pose(o.to);
+            let firsts = [self.pose(o.from), self.pose(o.to)];
             let screen = self.screen();
             let need = self.needs.of(screen, o.group, o.other);
             let bend = self.motions.bend(o.group, o.other, lane);
-            let ends = [o.from, o.to].map(|k| self.places.poses[k].as_slice());
+            let links = self.poses.len();
+            let ends = firsts.map(|first| &self.places.poses[first..first + links]);
             let normal = self.normals.of(o.group, o.other);
             if screen.keeps_between(o.group, o.other, ends, need + bend, normal) {
                 continue;
@@ -271,13 +276,17 @@ impl<'s> Sweep<'s> {
         Ok(())
     }
 
-    /// Computes the poses of the links at a place.
-    fn pose(&mut self, place: usize) {
-        let joints = self.travel.len();
-        if self.places.poses[place].is_empty() {
-            let q = &self.places.q[place * joints..(place + 1) * joints];
-            Compiled::poses(self.scene, q, &mut self.places.poses[place]);
+    /// Computes the poses of the links at a place, if necessary; returns the index of the first one.
+    fn pose(&mut self, place: usize) -> usize {
+        if let Some(first) = self.places.posed[place] {
+            return first;
         }
+        let joints = self.travel.len();
+        Compiled::poses(self.scene, &self.places.q[place * joints..(place + 1) * joints], &mut self.poses);
+        let first = self.places.poses.len();
+        self.places.poses.extend_from_slice(&self.poses);
+        self.places.posed[place] = Some(first);
+        first
     }
 }
 

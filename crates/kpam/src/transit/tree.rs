@@ -9,8 +9,9 @@ use super::field::Field;
 use crate::model::{MAX_JOINTS, Row, between};
 use gensim2_geometry::Draws;
 
-/// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight.
-const EDGE: f64 = 0.6;
+/// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight. Eight configurations, which
+/// are checked at once, cover it.
+const EDGE: f64 = 0.4;
 /// If path constraints shorten an edge, at most this fraction of the distance to its target may remain.
 const NEARER: f64 = 0.98;
 /// Fraction of a blocked edge that is tried as a shorter edge.
