@@ -119,7 +119,7 @@ def doctor(
 
 
 def vulkan() -> Check:
-    """Check whether SAPIEN finds a driver for rendering; takes about a second."""
+    """Check whether SAPIEN finds a driver for rendering. The check takes about a second."""
     name = "Vulkan driver"
     remedy = "run scripts/system_packages.sh vulkan or install Mesa 24.3 or newer; all but pictures works without"
     if importlib.util.find_spec("sapien") is None:
@@ -143,7 +143,7 @@ def _probed(code: str) -> tuple[list[str] | None, str]:
 
 
 def mujoco_renderer() -> Check:
-    """Check whether MuJoCo can draw pictures; takes about a second."""
+    """Check whether MuJoCo can draw pictures. The check takes about a second."""
     name = "MuJoCo's renderer"
     found, reason = _probed(_MUJOCO_PROBE)
     if found is not None:

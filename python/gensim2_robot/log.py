@@ -128,7 +128,12 @@ class _Whole:
         self.trouble: str | None = None
 
     def write(self, data: Any) -> int:
-        """Write a block whole; on a full disk into the reserve; OSError if that is full or the file was removed."""
+        """Write a whole block.
+
+        On a full disk, write it into the reserve. Raise OSError if the reserve is full or the file was removed.
+
+        Raise OSError if that is full or the file was removed.
+        """
         block = bytes(data)
         try:
             self._put(block)

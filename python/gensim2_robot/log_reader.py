@@ -314,7 +314,7 @@ class _Replayed:
         self._different: list[str] = []
 
     def take(self, message: AnyMessage) -> None:
-        """Process the next message; GenSim2Error if an observation cannot be computed."""
+        """Process the next message. Raise GenSim2Error if an observation cannot be computed."""
         if isinstance(message, About):
             if not self._eyes:
                 self._open_eyes(message)

@@ -301,7 +301,10 @@ class _Stage:
         return self._openness() - openness
 
     def sweep(self, start: float, goal: float) -> float:
-        """Push the joint to ``goal``, 1.5 times its resistance, then briefly further; return the reached openness."""
+        """Push the joint to ``goal`` with 1.5 times its resistance, and then briefly further.
+
+        Return the reached openness.
+        """
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
         gravity = instance.placement.rotation.T @ GRAVITY

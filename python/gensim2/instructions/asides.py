@@ -51,7 +51,7 @@ class Asides:
     asks: Callable[[int], bool]
 
     def end(self, at: int, *, follows: bool) -> int:
-        """Return the end of the aside that begins at word ``at``; ``at`` if none begins there.
+        """Return the end of the aside that begins at word ``at``, or ``at`` if no aside begins there.
 
         Args:
             at: index of a word.

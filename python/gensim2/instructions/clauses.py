@@ -211,7 +211,7 @@ class ClauseParser:
         return Statement(self._text(start), (mention,), is_topic=True) if self._ends() else None
 
     def _instruction(self, before: list[Clause]) -> Clause:
-        """Read an instruction; SentenceError if none begins here or it is not understood."""
+        """Read an instruction. Raise SentenceError if none begins here or it is not understood."""
         start = self._at
         more = self._state()
         if more is None and before:

@@ -131,7 +131,7 @@ class _Reading:
         self._stated: dict[Noun, str] = {}
 
     def steps(self) -> tuple[Step, ...]:
-        """Return all steps; SentenceError if there are none, or an object is taken and not put anywhere."""
+        """Return all steps. Raise SentenceError if there are none, or an object is taken and not put anywhere."""
         if len(self._held) == 1 and not self._steps and self._held[0].source is None:
             (held,) = self._held
             return (Lift(held.noun.classes[0]),)
@@ -142,7 +142,10 @@ class _Reading:
         return tuple(self._steps)
 
     def hear(self, statement: Statement) -> None:
-        """Remember a statement's objects for pronouns; SentenceError if another was named without an instruction."""
+        """Remember a statement's objects for pronouns.
+
+        Raise SentenceError if another was named without an instruction.
+        """
         nouns = list(dict.fromkeys(each.noun for each in statement.mentions if each.noun is not None))
         # "The microwave has its door open" is about one object.
         named = [each for each in nouns if each.name != "door" or not any(_has(noun, "door") for noun in nouns)]
@@ -158,7 +161,7 @@ class _Reading:
             self._topic = statement
 
     def add(self, clause: Clause) -> None:
-        """Add the steps of a clause; SentenceError if it cannot be done."""
+        """Add the steps of a clause. Raise SentenceError if it cannot be done."""
         clause = self._with_part(clause)
         if self._topic is not None:
             named = (*clause.objects, clause.into, clause.onto, clause.to, clause.source)
@@ -219,7 +222,7 @@ class _Reading:
         return True
 
     def _require_use_of_grip(self, moved: list[Noun]) -> None:
-        """Forget the grip; SentenceError if the hand took hold of other objects than were moved."""
+        """Forget the grip. Raise SentenceError if the hand took hold of other objects than were moved."""
         if self._gripped is not None and (self._gripped[0] or next(iter(moved), None)) not in moved:
             raise SentenceError(Refusal.INCOMPLETE, self._gripped[1].text, "say what to do with the object")
         self._gripped = None
@@ -354,7 +357,7 @@ class _Reading:
             )
 
     def _rigid(self, mention: Mention, clause: Clause) -> list[Noun]:
-        """Return the rigid objects that a mention names; SentenceError without one."""
+        """Return the rigid objects that a mention names. Raise SentenceError if there is none."""
         if mention.pronoun == "them":
             found = [noun for noun in self._group if noun.rigid]
             if not found:
@@ -368,7 +371,7 @@ class _Reading:
         return [noun]
 
     def _destination(self, mention: Mention, clause: Clause) -> str:
-        """Return the class into or onto which an object is put; SentenceError if that is impossible."""
+        """Return the class into or onto which an object is put. Raise SentenceError if that is impossible."""
         noun = self._resolved(mention, lambda noun: bool(_places(noun)))
         places = _places(noun)
         if not places:
@@ -382,7 +385,7 @@ class _Reading:
         return place
 
     def _container(self, mention: Mention, text: str) -> str:
-        """Return the class of the container of a mention; SentenceError without one."""
+        """Return the class of the container of a mention. Raise SentenceError if there is none."""
         noun = self._resolved(mention, lambda noun: any(each not in SUPPORTS for each in _places(noun)))
         places = [each for each in _places(noun) if each not in SUPPORTS]
         if not places:

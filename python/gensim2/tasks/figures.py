@@ -191,7 +191,10 @@ def figures() -> Figures:
 
 
 def figures_of(task: str) -> tuple[Figure, ...]:
-    """Return all rows of a task, rows under the paper's protocol first; empty if the task was not measured."""
+    """Return all rows of a task, with the rows under the paper's protocol first.
+
+    Empty rows mean that it was not measured.
+    """
     return tuple(row for row in figures().rows if row.task == task)
 
 

@@ -83,7 +83,7 @@ def user_library() -> Path | None:
 
 
 def _user_shelf() -> Traversable | None:
-    """Return the user's library, a folder or an exported archive, or None; InputError for another file."""
+    """Return the user's library, a folder or an exported archive, or None. Raise InputError for another file."""
     path = user_library()
     if path is None or path.is_dir() or not path.exists():
         return path

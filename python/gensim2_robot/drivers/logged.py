@@ -97,7 +97,7 @@ class LoggedCameras:
 
 
 def _pictures(path: Path, name: str) -> Iterator[CameraFrame]:
-    """Yield the images of a camera; InputError if the log has none or is damaged."""
+    """Yield the images of a camera. Raise InputError if the log has none or is damaged."""
     empty = True
     for _, message in messages(path):
         if isinstance(message, PictureMessage) and message.camera == name:

@@ -132,7 +132,7 @@ class StreamedArm(ABC):
 
     @abstractmethod
     def _write(self, q: Array, v: Array) -> None:
-        """Send joint positions and velocities (m,) to the arm; DriverError if it refuses."""
+        """Send joint positions and velocities (m,) to the arm. Raise DriverError if it refuses."""
 
     @abstractmethod
     def _halt(self) -> None:
@@ -235,7 +235,7 @@ def _pace(left: float) -> float:
 
 
 def _gone(left: float, cycles: float) -> float:
-    """Return by how many targets, a cycle apart, the stream advances in ``cycles``; less than ``left``."""
+    """Return the number of targets, a cycle apart, by which the stream advances in ``cycles``; less than ``left``."""
     pace = max(1.0, _pace(left))
     straight = min(pace * cycles, max(0.0, left - LEAST))
     rest = cycles - straight / pace

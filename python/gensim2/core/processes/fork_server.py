@@ -66,7 +66,10 @@ def forget_piped_script() -> None:
 
 
 def _end_server(registered: int) -> None:
-    """Kill the fork server at the end; still importing, it would not notice the end and keep files open."""
+    """Kill the fork server at the end.
+
+    A server that still imports modules would not notice the end and keep files open.
+    """
     server: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None and os.getpid() == registered:
         with contextlib.suppress(ProcessLookupError):

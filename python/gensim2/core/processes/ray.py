@@ -281,7 +281,7 @@ class RayPool(Executor):
 
 
 def _connect(ray: Any, address: str, workers: int | None) -> None:
-    """Join or start a cluster without changing the handlers of Ctrl-C and SIGTERM; InputError if impossible."""
+    """Join or start a cluster without changing the handlers of Ctrl-C and SIGTERM. Raise InputError if impossible."""
     where: dict[str, Any] = {"address": address}
     if address == "local":  # without the address "local" Ray looks for a running cluster
         where |= {"num_cpus": workers or usable_cores(), "include_dashboard": False}

@@ -218,7 +218,10 @@ class _Plain:
         self._size = 0
 
     def of(self, value: Any, depth: int = 0) -> Any:
-        """Return ``value`` as JSON data; ValueError if it is too large or deep, unnamed, or of an unknown type."""
+        """Return ``value`` as JSON data.
+
+        Raise ValueError if it is too large or deep, unnamed, or of an unknown type.
+        """
         self._size += 1 + (len(value) if isinstance(value, str) else 0)
         if self._size > MAX_SIZE:
             raise ValueError(f"the task contains more than {MAX_SIZE} values and characters in total")

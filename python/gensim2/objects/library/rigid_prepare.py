@@ -332,7 +332,7 @@ def load_from_meshes(
 
 
 def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
-    """Return vertices (N, 3) and faces (M, 3) of an OBJ or PLY file; ValueError without triangles."""
+    """Return vertices (N, 3) and faces (M, 3) of an OBJ or PLY file. Raise ValueError without triangles."""
     if name.endswith(".obj"):
         return [(mesh.vertices, mesh.faces) for mesh in read_obj(folder, name).meshes]
     content = folder.read(name, MAX_OBJ)
