@@ -209,7 +209,10 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Return the ranges of a container's position and ``openness`` (mean and spread; None: its default)."""
+    """Return the ranges of a container's position and ``openness`` (mean and spread).
+
+    None stands for its default openness.
+    """
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])

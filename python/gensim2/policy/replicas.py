@@ -110,7 +110,10 @@ class Replicas:
         return loss / count
 
     def _receive(self, number: int) -> tuple[float, float]:
-        """Wait for a replica's message and return its step's loss and CPU time; the first reports only its start."""
+        """Wait for a replica's message and return loss and CPU time of its step.
+
+        The first message only reports its start.
+        """
         process, pipe, _ = self._replicas[number]
         try:
             said: tuple[float, float] | str = pipe.recv()

@@ -295,7 +295,10 @@ class LLMDesigner:
         return StepToSolve(task, step, brief.of(task), brief.settings, self._profile, sentence)
 
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
-        """Return the step with configs by the model that fails most often, or the last; None without configs."""
+        """Return the step with the model's configs that fails most often, or else the last such step.
+
+        Return None if no step has configs of the model.
+        """
         own = [step for step in task.steps if self._fixed(task, step) is None]
         blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
         return next(blamed, own[-1] if own else None)

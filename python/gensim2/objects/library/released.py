@@ -72,7 +72,7 @@ READER_MODULES = (
 
 
 def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
-    """Return the scale from ``info.json``; if missing, the median scale of the other objects of the class."""
+    """Return the scale from ``info.json``, or if it is missing, the median scale of the other objects of the class."""
     if info.scale is not None:
         return info.scale
     others = []

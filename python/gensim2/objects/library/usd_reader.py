@@ -312,7 +312,7 @@ class _Converter:
         return {link for link in self._links if top(link) == chosen}
 
     def _sort_in(self, prim: Any, members: set[str]) -> None:
-        """Add a visible shape to its link's visuals, a colliding one to its collisions; skip other links."""
+        """Add a visible shape to the visuals of its link, and a colliding shape to the collisions. Skip other links."""
         body = self._body(prim)
         if body not in members or (body == STATIC and not self._is_anchored(prim)):
             return
@@ -402,7 +402,10 @@ class _Converter:
             self._urdf.weigh(element, found.mass, T, found.inertia)
 
     def _add_shape(self, element: Any, kind: str, prim: Any, T_from_world: Array) -> list[Array]:
-        """Write a shape; return a list with a collision shape's points (N, 3), link frame; empty for visuals."""
+        """Write a shape.
+
+        Return a list with the points (N, 3) of a collision shape, link frame; empty for visual shapes.
+        """
         matrix, look = T_from_world @ self._matrix(prim), self._look(prim)
         solid = kind == "collision"
         primitive = self._primitive(prim, matrix)
@@ -523,7 +526,10 @@ class _Converter:
         return points.astype(float), found
 
     def _inertial(self, link: _Link, T_from_world: Array, hulls: list[Array]) -> Inertial | None:
-        """Return a link's inertia, with values that the file lacks from the hulls; None without mass and density."""
+        """Return the inertia of a link.
+
+        Values that the file lacks come from the hulls. Return None without mass and density.
+        """
         prim = link.prim
         if not prim.HasAPI(UsdPhysics.MassAPI):
             return None

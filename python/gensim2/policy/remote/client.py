@@ -171,7 +171,10 @@ class RemoteController:
             raise RemoteError(f"{self._url} cannot be reached: {wrong}") from error
 
     def _ask(self, message: dict[str, Any], expected: type[Answer], deadline: float) -> Answer:
-        """Send a request and return the answer; reconnect if necessary, when the first request must be a reset."""
+        """Send a request and return the answer.
+
+        Reconnect if necessary. After reconnecting, the first request must be a reset.
+        """
         from websockets.exceptions import WebSocketException
 
         if self._connection is None:
