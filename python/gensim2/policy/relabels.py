@@ -126,9 +126,7 @@ def _label(
     observation: Observation,
     horizon: int,
 ) -> npt.NDArray[np.float32] | None:
-    """Return the actions (H, m + 2) of a new plan, or None if it is incomplete, touches early, or has another
-    contact.
-    """
+    """Return the actions (H, m + 2) of a new plan, or None if it is partial, touches early, or has another contact."""
     scene = env.scene_state()
     planned = planner.plan(scene, env.task.steps[0], ways[way], warm_start=began.plan)
     if planned.rank > 0 or not same_pose(began, planned):
