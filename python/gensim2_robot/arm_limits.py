@@ -207,8 +207,9 @@ class ArmLimits:
         )
 
     def leash_under(self, force: float, v: Array) -> Array:
-        """Return the maximum distance (m,) of each joint's target from its position, rad or m. It shrinks with the
-        force, and is 0 if the force is at least ``YIELDING`` times the limit.
+        """Return the maximum distance (m,) of each joint's target from its position, rad or m.
+
+        The distance shrinks with the force, and is 0 if the force is at least ``YIELDING`` times the limit.
 
         Args:
             force: contact force, N.

@@ -1,6 +1,6 @@
 """Run the control loop of an arm.
 
-It receives states and images, requests actions, and sends commands within the limits.
+The loop receives states and images, requests actions, and sends commands within the limits.
 
 A cycle lasts 10 ms, and a period has ten cycles. In each period, the loop requests the actions of the next period from
 the controller, which is a policy or the planner. The loop makes periods one cycle shorter or longer until each request
@@ -103,8 +103,8 @@ class LoopFigures:
 def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the number of cycles (-1, 0 or 1) by which the current period should become longer.
 
-    The length of periods changes until requests follow soon after new images. It changes in the direction that needs
-    fewer changes. Periods become shorter if images would be too old.
+    The length of periods changes until requests follow soon after new images, in the direction that needs fewer
+    changes. Periods become shorter if images would be too old.
 
     Args:
         waited: number of cycles from the arrival of the newest complete set of images to a request.

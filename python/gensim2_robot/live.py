@@ -195,7 +195,7 @@ def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArr
 
 
 class Looking:
-    """Controller for watching only. It makes observations, and its actions keep the arm where the episode started.
+    """Controller for watching only, which makes observations and whose actions keep the arm where the episode started.
 
     Args:
         arm: how many joints the arm has.

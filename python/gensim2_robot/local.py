@@ -25,7 +25,7 @@ WAITING = 0.1
 class LocalArm:
     """Simulated arm in this process with a simulated clock.
 
-    It regularly checks the goal and whether the scene is at rest.
+    The arm regularly checks the goal and whether the scene is at rest.
 
     Attributes:
         goal: whether the goal was reached at the most recent check.

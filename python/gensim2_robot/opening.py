@@ -302,7 +302,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     if policy is None:
         rollout = given.rollout
         if config.scene_source != TRUE_SCENE:
-            # The name of a noise model makes the planner filter stray points. It adds noise only to rendered images.
+            # The name of a noise model makes the planner filter stray points. Noise is added only to rendered images.
             rollout = replace(rollout, scene_source=config.scene_source, depth_noise=CAMERA_NOISE)
         # The arm executes a plan at the fraction ``speed`` of the planned speed.
         strategies = slow_in_contact(given.strategies, CONTACT_SPEED / config.speed)

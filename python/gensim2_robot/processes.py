@@ -1,6 +1,6 @@
 """Run a simulated arm and its controller in processes with the machine's clock. Nothing here blocks its caller.
 
-If the process group gets a stop signal, only the supervising process reacts. It stops the arm and then ends the other
+If the process group gets a stop signal, only the supervising process reacts: it stops the arm and then ends the other
 processes.
 """
 

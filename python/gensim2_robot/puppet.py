@@ -75,7 +75,7 @@ class GivenActions:
 class Puppet:
     """Control loop in a thread that follows the joint targets of another program.
 
-    It reaches each target within 0.1 s if possible.
+    The loop reaches each target within 0.1 s if possible.
 
     If no target arrives for 200 ms while the arm moves, the watchdog holds the arm, as it does with any controller.
 

@@ -43,7 +43,7 @@ def _said(arm: object) -> str:
 
 
 class SceneStage(Protocol):
-    """Interface for the scenes of episodes. It arranges the next scene and reports the goal if it can."""
+    """Interface for the scenes of episodes, which arranges the next scene and reports the goal if it can."""
 
     @property
     def is_ready(self) -> bool:

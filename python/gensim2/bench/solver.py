@@ -50,7 +50,7 @@ def keypoint_problem(
         InputError: the solver rejects the problem's config, or a number is out of range.
     """
     joint = scene.joint
-    # The original solver keeps no margin. It ignores collisions between the hand and the manipulated object.
+    # The original solver keeps no margin and ignores collisions between the hand and the manipulated object.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,

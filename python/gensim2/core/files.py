@@ -37,7 +37,7 @@ def user_folder(variable: str, default: Callable[[], Path | str]) -> Path:
 
     Args:
         variable: name of the environment variable.
-        default: function that returns the folder if the variable is not set. It raises RuntimeError if there is no home
+        default: function that returns the folder if the variable is not set, or raises RuntimeError if there is no home
             folder.
 
     Raises:

@@ -12,7 +12,7 @@ from typing import Any
 def lazy_names(package: str) -> Callable[[str], Any]:
     """Return ``__getattr__`` for a package.
 
-    It imports a name of the package's ``if TYPE_CHECKING:`` block when the name is first used.
+    The function imports a name of the package's ``if TYPE_CHECKING:`` block when the name is first used.
 
     Args:
         package: ``__name__`` of the package.

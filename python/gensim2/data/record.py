@@ -125,8 +125,8 @@ class DatasetRecord(RunSettings):
     def resumed_by(self, now: Self) -> Self:
         """Return the record of a resumed collection.
 
-        The new record has the settings of ``now`` and the objects of this record. It keeps the results of this record
-        unless ``now`` adds tasks or episodes.
+        The new record has the settings of ``now`` and the objects of this record. The results stay unless ``now`` adds
+        tasks or episodes.
         """
         update: dict[str, Any] = {"objects": dict(self.objects)}
         if (now.episodes, list(now.tasks)) == (self.episodes, list(self.tasks)):

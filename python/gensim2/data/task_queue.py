@@ -189,7 +189,7 @@ class TaskQueue:
     def jobs(self, evaluator: EpisodeRunner, first: int) -> Iterator[Job | None]:
         """Yield a job for each missing episode, numbered from ``first``.
 
-        It yields None while the results of running jobs decide on the next one.
+        The iterator yields None while the results of running jobs decide on the next one.
 
         An episode is started only if it is needed even when all running episodes succeed. Therefore neither the number
         of workers nor the order of the results changes which episodes are run.

@@ -113,8 +113,8 @@ def model_designer(
         replay: run folder with recorded answers. Its settings replace ``model`` and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
         review: function that returns whether to accept a proposal; None accepts all proposals.
-        **options: fields of :class:`~gensim2.design.llm.ModelOptions`. They replace values of ``config``, unless they
-            are None.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions`. All that are not None replace values of
+            ``config``.
 
     Raises:
         InputError: an argument cannot be used.

@@ -203,7 +203,7 @@ SEARCHED = "search"
 class _Kept:
     """Runner for the trials of a search.
 
-    It plans or simulates trials and stores their results. A resumed search reads the results.
+    The runner plans or simulates trials and stores their results. A resumed search reads the results.
 
     Args:
         runner: runner that plans scenes and simulates episodes.
@@ -370,7 +370,7 @@ class PipelineRun:
     def _to_verify(self, task: TaskSpec) -> int:
         """Return the number of verification episodes.
 
-        The number is the requested one, but limited for tasks that count as solved. It is at least the number of
+        The number is the requested one, but limited for tasks that count as solved, and at least the number of
         demonstrations.
         """
         verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify

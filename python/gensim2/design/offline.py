@@ -1,8 +1,8 @@
 """Design tasks and strategies without a language model.
 
-The designer derives single-step tasks from the joints and sizes of objects. It combines them to longer tasks, in which
-steps establish the preconditions of later steps. Strategies come from rules, and then from a search over alignments,
-keypoints and motions. Simulation decides which strategies are used.
+The designer derives single-step tasks from the joints and sizes of objects, and combines these tasks to longer ones, in
+which steps establish the preconditions of later steps. Strategies come from rules, and then from a search over
+alignments, keypoints and motions. Simulation decides which strategies are used.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ class LazyPicture:
     Attributes:
         of: text that identifies the content. A replay of recorded answers compares these texts instead of images, so it
             needs no renderer.
-        make: function that renders the picture. The first call takes seconds. It raises GenSim2Error if rendering is
-            impossible.
+        make: function that renders the picture, or raises GenSim2Error if rendering is impossible. The first call takes
+            seconds.
     """
 
     of: str

@@ -14,8 +14,8 @@ from gensim2.robots import RobotProfile
 #: Minimum cosine between closing direction and joint motion at which a pad pulls by normal force.
 PADS_PULL = 0.7
 
-#: Number of surface points and number of hand poses to try. Both are large, because few points lie on small parts such
-#: as a knob, and many other grasps have a better rank.
+#: Number of surface points and number of hand poses to try. Both numbers are large, because few points lie on small
+#: parts such as a knob, and many other grasps have a better rank.
 SAMPLES, TRIALS = 2048, 400_000
 
 

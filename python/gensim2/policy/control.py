@@ -33,7 +33,7 @@ Sees = Literal["all", "nothing", "other"]
 class Shuffled:
     """Point clouds of training scenes, for the control experiment with the clouds of other scenes.
 
-    Random clouds of other scenes. They replace the policy's cloud to measure how much the policy depends on it.
+    Random clouds of other scenes. These clouds replace the policy's cloud to measure how much the policy depends on it.
 
     Attributes:
         points: (S, N, 3) points of S clouds, m, base frame.

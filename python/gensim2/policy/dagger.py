@@ -52,7 +52,7 @@ def train_rounds(
 ) -> TrainResult:
     """Train on demonstrations, then in rounds on states that the policy visited, with the planner's actions (DAgger).
 
-    Each round starts from the weights of the last one. It trains on the demonstrations and on all labelled states so
+    Each round starts from the weights of the last one, and trains on the demonstrations and on all labelled states so
     far.
 
     Args:

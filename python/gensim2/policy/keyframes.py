@@ -44,8 +44,8 @@ def taught_frames(
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (T,) of the frames that are used for training.
 
-    Most frames before the arm starts and after it stops are left out. They look alike and would teach the policy to
-    wait. Frames in which the fingers move before the arm starts are kept.
+    Most frames before the arm starts and after it stops are left out. Such frames look alike and would teach the policy
+    to wait. Frames in which the fingers move before the arm starts are kept.
 
     Args:
         actions: (T, m) targets of the arm's joints, rad.

@@ -338,7 +338,8 @@ def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
 def unseen_instances(given: Sequence[TaskInput]) -> str:
     """Return the name of a set of objects that training on the given tasks did not use.
 
-    It tries ``test`` (``test-N`` after training on ``train-N``), then, if a class has no such objects, ``new``.
+    The first choice is ``test`` (``test-N`` after training on ``train-N``), then, if a class has no such objects,
+    ``new``.
 
     Raises:
         InputError: neither set has objects of all classes.

@@ -37,7 +37,7 @@ class EpisodeRunner:
     Args:
         scene: settings of the scenes of all tasks.
         execution: settings of the workers.
-        progress: progress display. It advances after each job; the caller starts each stage.
+        progress: progress display, which advances after each job; the caller starts each stage.
         rollout: options of all episodes.
         log: file to which the tracebacks of failed jobs are written; None for no log.
 

@@ -1,4 +1,4 @@
-"""Evaluate the verdict ``strict``. It requires the goal and further conditions that a person would require."""
+"""Evaluate the verdict ``strict``, which requires the goal and further conditions that a person would require."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def sample_initial_state(
         instances: ids to choose from, by object.
         seed: seed of the reset.
         options: checked reset options by object.
-        physics: physics settings. They determine the default poses and whether placements are sampled repeatedly.
+        physics: physics settings, which determine the default poses and whether placements are sampled repeatedly.
         randomization: preset, which scales the task's ranges and may randomize additional values.
 
     Raises:

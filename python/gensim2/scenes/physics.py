@@ -1,8 +1,8 @@
 """Define names for physics settings, and select the engines that can simulate them.
 
 A name is a preset, ``default`` or ``original`` (the original GenSim2), with changes such as
-``original+gripper=default``. It defines the physics completely, so records and workers keep only the name. A file of
-settings is converted to a name.
+``original+gripper=default``. A name defines the physics completely, so records and workers keep only the name. A file
+of settings is converted to a name.
 """
 
 from __future__ import annotations

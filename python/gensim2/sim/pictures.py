@@ -16,7 +16,9 @@ Images = dict[str, npt.NDArray[Any]]
 
 
 class StatePictures:
-    """Renderer of recorded states as the environment's cameras see them. It rebuilds the scene only for new objects.
+    """Renderer of recorded states as the environment's cameras see them.
+
+    Only new objects make the renderer rebuild the scene.
 
     Args:
         config: settings of the scenes.

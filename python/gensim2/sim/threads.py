@@ -30,7 +30,9 @@ class _Done(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class ThreadVectorEnv(SyncVectorEnv):
-    """Vector environment that runs in threads. They run in parallel because MuJoCo releases the interpreter lock.
+    """Vector environment that runs in threads.
+
+    The threads run in parallel because MuJoCo releases the interpreter lock.
 
     Args:
         makers: for each environment, a function that creates it.

@@ -301,9 +301,10 @@ def all_hold_in_paper(criteria: tuple[Criterion, ...], measured: Measurement) ->
 
 
 def nearness(distance: float) -> float:
-    """Convert the distance (m) by which a limit is exceeded to a reward from 0 to 1. The reward is 1 if the limit is
-    not exceeded (the distance is zero or negative). It is 0.24 if the distance equals ``SCALE``, and nearly 0 if the
-    distance is 1 m.
+    """Convert the distance (m) by which a limit is exceeded to a reward from 0 to 1.
+
+    The reward is 1 if the limit is not exceeded (the distance is zero or negative), 0.24 if the distance equals
+    ``SCALE``, and nearly 0 if the distance is 1 m.
     """
     return _share(1.0 - math.tanh(max(distance, 0.0) / SCALE))
 
@@ -317,9 +318,9 @@ def _beyond_height(measured: Measurement, name: str, threshold: float) -> float:
     """Return the height (m) by which the gripper is too far above or below an object.
 
     A keypoint of the gripper counts only if its horizontal distance from the object's measured keypoint is less than
-    ``threshold`` (m). It may be up to ``threshold`` above or below the object. If one keypoint is within this limit,
-    the result is 0. Otherwise the result is how far the best keypoint exceeds the limit. The result is also 0 if no
-    keypoint counts, or if the object's shape is unknown.
+    ``threshold`` (m). The limits of its height are ``threshold`` above and below the object. If one keypoint is within
+    the limits, the result is 0. Otherwise the result is how far the best keypoint exceeds them. The result is also 0 if
+    no keypoint counts, or if the object's shape is unknown.
     """
     if name not in measured.bounds:
         return 0.0

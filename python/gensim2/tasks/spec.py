@@ -170,7 +170,7 @@ class Made(_Value):
 class Verified(_Value):
     """Result of a verification.
 
-    It ran episodes with the strategies on scenes that the design did not use.
+    The verification ran episodes with the strategies on scenes that the design did not use.
 
     Attributes:
         episodes: number of episodes.

@@ -271,7 +271,7 @@ LOOK = 5e-4
 
 
 class SoftwareDevice:
-    """A software device of the RealSense library. It delivers the images that it is given.
+    """A software device of the RealSense library, which delivers the images that it is given.
 
     Args:
         camera: camera with image size and intrinsics, which are converted from pixel centres at half integers to pixel

@@ -1,8 +1,8 @@
 """Read untrusted files: exports, data sets, object libraries and records.
 
-All untrusted files are read through this package. It opens only regular files of limited size inside their folder. It
-accepts only single words as names, and passes only plain arrays of limited size to libraries. Libraries that can still
-crash run in a subprocess. docs/reliability.md lists the checks of each reader.
+All untrusted files are read through this package. The package opens only regular files of limited size inside their
+folder, accepts only single words as names, and passes only plain arrays of limited size to libraries. Libraries that
+can still crash run in a subprocess. docs/reliability.md lists the checks of each reader.
 
 | module | checks |
 |---|---|

@@ -28,7 +28,7 @@ MAX_CHANNELS = 100
 # Maximum number of pixels of all cameras in a log. The rays of these pixels take 500 MB of memory.
 MAX_CAMERA_PIXELS = 8 * MIB
 MAX_JOINTS = 100
-# Maximum number of arm states and of images that a calibration reads. They last 87 minutes at 100 states per second.
+# Maximum number of arm states and of images that a calibration reads. At 100 states per second, this is 87 minutes.
 MAX_STATES = MAX_PICTURES = 2**19
 MAX_POSES = 200  # maximum number of arm poses read from a log for a calibration
 MAX_POSE_BYTES = 1024 * MIB  # maximum total size of the images at the arm poses of a calibration, bytes

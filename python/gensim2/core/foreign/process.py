@@ -54,7 +54,10 @@ class Bounds:
 
     @staticmethod
     def of(size: int) -> Bounds:
-        """Return the limits for reading ``size`` bytes in total. They leave enough memory to decompress one episode."""
+        """Return the limits for reading ``size`` bytes in total.
+
+        The limits leave enough memory to decompress one episode.
+        """
         megabytes = size // 2**20
         return Bounds(2**30 + 4 * min(size, 2**30), 60 + 4 * megabytes, resource.getrlimit(resource.RLIMIT_FSIZE))
 

@@ -21,9 +21,9 @@ _registered_in: int | None = None
 def start_fork_server() -> None:
     """Start the fork server, the process from which workers are forked. If the server is already running, do nothing.
 
-    Ctrl-C sends SIGINT to the whole process group. It would end the server with a traceback while the server imports
-    its modules. Therefore this function blocks SIGINT in the caller while the server starts, and the server inherits
-    the block. The caller receives the signal afterwards.
+    Ctrl-C sends SIGINT to the whole process group. The signal would end the server with a traceback while the server
+    imports its modules. Therefore this function blocks SIGINT in the caller while the server starts, and the server
+    inherits the block. The caller receives the signal afterwards.
     """
     global _registered_in
     forget_piped_script()

@@ -155,7 +155,7 @@ class Ask(Generic[T]):
         about: part of the task that the question is about, which distinguishes questions of one stage.
         prompt: text of the question.
         schema: JSON schema of the answer.
-        read: function that converts an answer's data to a value. It raises Wrong or InputError for invalid data.
+        read: function that converts an answer's data to a value, or raises Wrong or InputError if they are invalid.
         pictures: pictures sent with the prompt.
         sample: number of the repetition of a question.
         remarks: list for the faults of parts that ``read`` leaves out. The record of the conversation stores them.

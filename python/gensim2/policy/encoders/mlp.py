@@ -12,7 +12,7 @@ ROWS = 1024
 class StateEncoder(nn.Module):  # type: ignore[misc]
     """MLP that encodes a cloud with a fixed order of points, such as keypoints.
 
-    It computes one token from all points. Some heads need a feature of each point, which is the point's linear
+    The encoder computes one token from all points. Some heads need a feature of each point, which is the point's linear
     embedding joined with the token.
 
     Args:

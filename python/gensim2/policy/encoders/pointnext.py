@@ -18,7 +18,7 @@ STRIDES = (2, 2, 2, 2)
 class SetAbstraction(nn.Module):  # type: ignore[misc]
     """Layer that reduces a cloud (set abstraction).
 
-    It samples centres, applies an MLP to their neighbours and takes the maximum over the neighbours. A residual
+    The layer samples centres, applies an MLP to their neighbours and takes the maximum over the neighbours. A residual
     connection passes the features of the centres.
 
     Args:
@@ -54,7 +54,7 @@ class SetAbstraction(nn.Module):  # type: ignore[misc]
 class InvertedResidual(nn.Module):  # type: ignore[misc]
     """InvResMLP block.
 
-    The block takes a maximum over neighbours. It has an MLP that is four times as wide inside, and a residual
+    The block takes a maximum over neighbours, and has an MLP that is four times as wide inside and a residual
     connection.
 
     Args:
