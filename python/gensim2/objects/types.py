@@ -119,7 +119,7 @@ class Placement:
     Attributes:
         position: (3,) position of the root in the world. The lowest point touches the table, z = 0. A rigid object is
             at x = y = 0.
-        quaternion: (4,) rotation (w, x, y, z) to the world. It turns the contact side to the robot, or is the resting
+        quaternion: (4,) rotation (w, x, y, z) to the world, which turns the contact side to the robot, or the resting
             pose of a rigid object.
     """
 

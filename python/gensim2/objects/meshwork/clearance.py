@@ -1,8 +1,9 @@
 """Decompose the two links of an object into convex hulls that do not collide with each other.
 
-A hull covers hollows of its mesh, where it would collide with the other link although the meshes do not. So, first,
-hulls that cover space the other link needs get a penalty when hulls are chosen and merged. Then planes cut off parts
-that still reach into the other link, if almost none of the mesh's surface is lost and the meshes do not overlap there.
+A hull covers hollows of its mesh, where it would collide with the other link although the meshes do not collide.
+Therefore hulls that cover space of the other link get a penalty when hulls are chosen and merged. Then planes cut off
+parts of hulls that still reach into the other link. A plane may cut if almost none of the surface of the mesh is lost
+and the meshes do not overlap there.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from gensim2.objects.shapes import pose, transform
 
 Pieces = Sequence[tuple[Array, Faces]]
 
-# Number of joint values for cutting overlaps; the later check uses every second one.
+# Number of joint values at which overlaps are cut. The later check uses every second one.
 POSES = 9
 FINE = 0.0012  # m, cell size of the grid that tests which points around a link are not occupied by the link
 SPACING = 0.004  # m, distance between neighbouring sample points on a link's own surface
@@ -38,7 +39,7 @@ RESIDUE = 0.0007  # m, depth of overlap that may remain after a cut
 # m. Limit for a cut: no part of the removed mesh surface may lie farther than this beyond the cutting plane.
 LOSS = 0.0012
 NOTICED = 0.0009  # m, minimum depth of overlap for which a cut is tried
-# m. If every cut would remove surface farther beyond the plane, the meshes overlap, and nothing is cut.
+# m. If every cut would remove surface farther beyond the plane than this, the meshes overlap, and nothing is cut.
 HOPELESS = 0.004
 # m. A cut may remove surface that is at least this deep inside another hull of the link.
 COVERED = 0.0002
@@ -49,7 +50,11 @@ MAX_POINTS = 400  # maximum number of points on each side of a separating plane
 
 @dataclass(frozen=True)
 class Motion:
-    """Joint motion: moving link's pose (4, 4) in the root frame at zero, and unit axis in the link's frame."""
+    """Motion of a joint.
+
+    The motion has the pose (4, 4) of the moving link in the root frame at joint value zero, and the unit axis in the
+    link's frame.
+    """
 
     T_root_link: Array
     axis: Array
@@ -73,7 +78,10 @@ class Motion:
 
 @dataclass(frozen=True)
 class PairHulls:
-    """Hulls (N, 3) of body and moving link in their links' frames, and each link's number of tiny pieces."""
+    """Hulls (N, 3) of the body and the moving link, in the frames of these links.
+
+    The class also has the number of tiny pieces of each link.
+    """
 
     body: list[Array]
     moving: list[Array]
@@ -113,11 +121,12 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 
 def _needed(space: VoidSpace, points: Array) -> Array:
-    """Return the points of free space through which the other link moves, and which hulls must not cover.
+    """Return points of the free space through which the other link moves. Hulls must not cover these points.
 
     Args:
         space: free space around the meshes of this link.
-        points: (N, 3) points of the other link at several joint positions, in this link's frame; one per grid cell.
+        points: (N, 3) points of the other link at several joint positions, in the frame of this link, with one point in
+            a grid cell.
     """
     points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
@@ -212,7 +221,7 @@ def _intruders(
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """Return surface points (N, 3) at which one hull of this link overlaps hulls of the other.
+    """Return the surface points (N, 3) at which one hull of this link overlaps hulls of the other link.
 
     Args:
         hull: (K, 3) vertices of the hull, in this link's frame.
@@ -223,7 +232,7 @@ def _intruders(
         counts: see :meth:`_Parts.cut_free`.
 
     Returns:
-        All poses' points in this link's frame; empty if no overlap is deeper than ``NOTICED``.
+        The points at all poses, in the frame of this link; empty if no overlap is deeper than ``NOTICED``.
     """
     own = surface_samples(hull)
     found = []
@@ -261,7 +270,9 @@ def _thin_out(points: Array) -> Array:
 
 
 def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
-    """Cut the other link's overlap off ``hull``; return the rest, None, or ``hull`` without such a plane.
+    """Cut the overlap with the other link off ``hull``.
+
+    Return the rest of the hull. Return None if nothing is left or needed, or ``hull`` itself if no plane can cut it.
 
     Args:
         hull: (M, 3) vertices.
@@ -282,12 +293,13 @@ def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
 def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
     """Return the unit normal (3,) of a plane between surface samples (``own``) and the other link (``intruders``).
 
-    It may cut off samples up to ``HOPELESS`` (m) beyond it; None if every plane would cut deeper.
+    The plane may cut off samples up to ``HOPELESS`` (m) beyond it. Return None if every plane would cut deeper.
     """
     axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
     table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
     ours, theirs = own @ table.T, intruders @ table.T
-    # ``losses``: depths of cut-off surface, first for the normals in ``table``, then for their opposites.
+    # ``losses`` are the depths of the surface that is cut off, first for the normals in ``table`` and then for the
+    # opposite normals.
     losses = np.concatenate([ours.max(axis=0) - theirs.min(axis=0), theirs.max(axis=0) - ours.min(axis=0)]) - RESIDUE
     table = np.concatenate([table, -table])
     best = float(losses.min())
@@ -305,9 +317,10 @@ def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
-    """Return the unit normal (3,) of the widest gap between ``own`` and ``intruders``; None without a gap."""
+    """Return the unit normal (3,) of the widest gap between ``own`` and ``intruders``, or None if there is no gap."""
     inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
-    # Plane n·x = d, |n| components <= 1, with the largest m: n·p - d >= m on ``outer``, n·s - d <= -m on ``inner``.
+    # Find the plane n·x = d with components of n from -1 to 1 and the largest m such that n·p - d >= m for all p in
+    # ``outer`` and n·s - d <= -m for all s in ``inner``.
     rows = [
         np.column_stack([-outer, np.ones(len(outer)), np.ones(len(outer))]),
         np.column_stack([inner, -np.ones(len(inner)), np.ones(len(inner))]),
@@ -325,7 +338,7 @@ def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
 
 
 def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
-    """Return the vertices (M, 3) of a hull's part with normal·p <= offset; None without such a part.
+    """Return the vertices (M, 3) of the part of a hull with normal·p <= offset, or None if there is no such part.
 
     Parts thinner than ``THINNEST``, which engines refuse, are thickened downwards, away from the plane.
     """

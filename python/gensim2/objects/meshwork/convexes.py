@@ -22,9 +22,10 @@ def planes_of(hull: Array) -> Array:
 
 
 def heights(points: Array, planes: Array) -> Array:
-    """Return the largest signed distance (K,) of points (K, 3) from a hull's planes (M, 4), negative inside.
+    """Return the largest signed distance (K,) of points (K, 3) from the planes (M, 4) of a hull, negative inside.
 
-    An array (M, K) is used: with few planes its maximum is six times as fast as over (K, M).
+    The code uses an array (M, K), because with few planes its maximum is six times as fast as the maximum of an array
+    (K, M).
     """
     above = planes[:, :3] @ points.T
     above += planes[:, 3, None]
@@ -53,7 +54,7 @@ def surface_samples(hull: Array, spacing: float = SAMPLE_SPACING) -> Array:
 
 
 def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
-    """Return a mask of the points (N, 3) in a box; tests by coordinate are faster than ``all`` over rows."""
+    """Return a mask of the points (N, 3) in a box. Tests for each coordinate are faster than ``all`` over rows."""
     found = (points[:, 0] > low[0]) & (points[:, 0] < high[0])
     for i in (1, 2):
         found &= points[:, i] > low[i]
@@ -75,7 +76,7 @@ class ConvexBlock:
         return ConvexBlock(hull.min(axis=0), hull.max(axis=0), planes_of(hull))
 
     def depth(self, points: Array) -> Array:
-        """Return each point's distance (K,) to the hull's nearest face plane, negative outside."""
+        """Return the distance (K,) of each point to the nearest face plane of the hull, negative outside."""
         return -heights(points, self.planes)
 
 

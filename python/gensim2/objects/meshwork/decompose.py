@@ -1,8 +1,8 @@
 """Decompose a triangle mesh into a few convex hulls that leave its cavities open.
 
-Released meshes are not watertight; they overlap and have hundreds of pieces. A piece whose hull fills no cavity becomes
-this hull; others are split into thin convex plates along their surface. Then neighbours merge, the pair that fills the
-least free space first, so that walls become solid and cavities stay open.
+Released meshes are not watertight. They overlap and have hundreds of pieces. A piece whose hull fills no cavity becomes
+this hull. Other pieces are split into thin convex plates along their surface. Then neighbours merge, first the pair
+that fills the least free space, so that walls become solid and cavities stay open.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-# A mesh piece with more patches is simplified: vertices closer than one cell of the ``VoidSpace`` are merged, then two,
-# then three.
+# A mesh piece with more patches is simplified: vertices closer than one cell of the ``VoidSpace`` are merged, then
+# vertices closer than two cells, then three.
 MANY_PATCHES = 100
 
 
@@ -56,7 +56,9 @@ class Hull:
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Return the hull of points (N, 3), at least ``THINNEST`` thick; None if below ``SMALLEST`` everywhere.
+    """Return the hull of points (N, 3), made at least ``THINNEST`` thick.
+
+    Return None if all extents of the hull are below ``SMALLEST``.
 
     At most ``MAX_VERTICES`` vertices are kept: the extreme points in directions that cover the sphere evenly.
     """
@@ -221,11 +223,13 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Merges hulls in pairs: first the pair that fills the least free space, then the smallest common hull.
+    """Object that merges hulls in pairs.
 
-    Common hulls are expensive, so pairs wait in a priority queue with lower bounds: zero for the filled space, the
-    bigger hull for the volume. A common hull is computed when its pair reaches the front; most never do, because one of
-    their hulls is merged before.
+    The first pair is the one that fills the least free space; among equals it is the one with the smallest common hull.
+
+    Common hulls are expensive to compute, so pairs wait in a priority queue with lower bounds: zero for the filled
+    space, and the volume of the bigger hull. The common hull of a pair is computed when the pair reaches the front.
+    Most pairs never do, because one of their hulls is merged before.
     """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
@@ -302,7 +306,10 @@ class _Merger:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A link's hulls, each (N, 3); ``dropped`` tiny pieces, and ``opened`` pieces that were split at a cavity."""
+    """Hulls of a link, each (N, 3).
+
+    ``dropped`` is the number of tiny pieces, and ``opened`` the number of pieces that were split at a cavity.
+    """
 
     hulls: list[Array]
     dropped: int
@@ -322,8 +329,8 @@ def decompose(
     Args:
         pieces: (vertices (N, 3) in metres, faces (M, 3)).
         space: free space around the pieces. If None, the function computes it.
-        limit: maximum number of hulls, for which even cavities are filled; space of the other link's motion only above
-            ``MAX_HULLS_FOR_CLEARANCE`` hulls.
+        limit: maximum number of hulls. Even cavities are filled to keep this limit. Space that the other link needs is
+            filled only above ``MAX_HULLS_FOR_CLEARANCE`` hulls.
     """
     if not pieces:
         return Decomposition([], 0, 0)
@@ -358,7 +365,8 @@ def piece_hulls(meshes: Sequence[tuple[Array, Faces]]) -> tuple[list[Array], int
         meshes: vertices (N, 3) in metres and faces (M, 3) of each mesh of the link.
 
     Returns:
-        The hulls, each (N, 3), and the number of pieces omitted as flat or smaller than a millimetre.
+        The hulls, each (N, 3), and the number of pieces that are left out because they are flat or smaller than a
+        millimetre.
     """
     found: list[Array] = []
     dropped = 0

@@ -31,7 +31,7 @@ FINEST = 0.003  # m, edge length of a cell
 CELLS = 96  # number of cells along the longest side of a large link
 MAX_FINE_CELLS = 8_000_000
 CHUNK = 400_000  # number of sample points processed at a time
-# Penalty (m³) for each point of the other link's way in a hull, added to the filled free space; one exceeds
+# Penalty (m³) for each point of the other link's path in a hull, added to the filled free space. One such point exceeds
 # ``FREE_VOLUME`` (m³), so the hull is unacceptable.
 NEEDED_VOLUME = 1.1e-6
 # m. A point through which the other link moves is penalized only if it lies deeper than this in a hull.
@@ -43,7 +43,7 @@ MAX_PROBES = 5000
 class VoidSpace:
     """Grid of free cells: cells that the surface does not cross and that are connected to the outside.
 
-    Meshes need not be watertight: space with openings narrower than a cell is enclosed, and so solid.
+    Meshes need not be watertight. Space whose openings are narrower than a cell is enclosed and counts as solid.
 
     Attributes:
         cell: edge length of a cell in metres.
@@ -83,7 +83,7 @@ class VoidSpace:
         return found
 
     def is_free_finely(self, points: Array, finest: float) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points (N, 3) reachable from outside the link, more accurate than ``is_free``.
+        """Return a mask of the points (N, 3) that are reachable from outside, more accurately than ``is_free``.
 
         Points in grid cells that are not free are tested again on a finer grid around these points.
 
@@ -121,13 +121,19 @@ class VoidSpace:
         return found
 
     def keep_clear(self, points: Array) -> None:
-        """Set points (N, 3) of the other link's way, which hulls should not cover; :meth:`filled` penalizes them."""
+        """Set points (N, 3) of the other link's path.
+
+        Hulls should not cover these points, and :meth:`filled` penalizes hulls that do.
+        """
         self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
         self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
-        """Return points on triangles (M, 3, 3), with neighbours closer than ``cell`` (m), a grid cell's edge."""
+        """Return points on triangles (M, 3, 3).
+
+        The distance of neighbours is less than ``cell`` (m), the edge of a grid cell.
+        """
         edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
         steps = np.maximum(1, np.ceil(edges / (0.7 * cell))).astype(np.int64)
         batches = []
@@ -171,7 +177,9 @@ class VoidSpace:
         return float((heights(centers, planes) < -0.5 * self.cell).sum()) * (stride * self.cell) ** 3
 
     def _void_in_plate(self, points: Array, planes: Array, normal: Array, width: float) -> float:
-        """Return the free volume (m³) in a hull thinner than two cells: free area of its middle plane times thickness.
+        """Return the free volume (m³) in a hull that is thinner than two cells.
+
+        The free volume is the free area of the middle plane of the hull times the thickness.
 
         Args:
             points, planes: vertices (N, 3) and outward planes (M, 4) of the hull.
@@ -199,7 +207,7 @@ class VoidSpace:
 OPENNESS = (0.0, 0.25, 0.5, 0.75, 1.0)
 MESH_SPACING = 0.002  # m, distance between neighbouring sample points on a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
-# Points closer to a mesh (m) belong to it, because thin sheets are thickened by this much.
+# Points closer to a mesh than this (m) belong to the mesh, because thin sheets are thickened by this much.
 SKIN = 0.0032
 NEAREST = 8  # number of candidate triangles that are compared to find the triangle closest to a point
 
@@ -221,7 +229,8 @@ class Overlap:
 
     Attributes:
         parts: penetration depth of the two links' convex parts.
-        filled: penetration depth of the convex parts farther than ``SKIN`` from a link's mesh, due to decomposition.
+        filled: penetration depth of the convex parts at points farther than ``SKIN`` from the mesh of a link, caused by
+            the decomposition.
         meshes: depth to which the mesh of one link enters the space enclosed by the mesh of the other link.
     """
 
@@ -236,10 +245,11 @@ def hull_overlap(instance: ArticulatedObject) -> float:
 
 
 def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
-    """Measure how deeply an object's links overlap, by their meshes or only by the decomposition.
+    """Measure how deeply the links of an object overlap, in their meshes or only in the decomposition.
 
-    Meshes are examined if convex parts overlap by more than ``threshold`` metres. Real ones are seldom watertight, so
-    space behind gaps narrower than ``GAP`` is enclosed; a point's depth is its distance from the mesh.
+    Meshes are examined if the convex parts overlap by more than ``threshold`` metres. Real meshes are seldom
+    watertight, so space behind gaps narrower than ``GAP`` counts as enclosed. The depth of a point is its distance from
+    the mesh.
     """
     common = _common_points(instance, threshold)
     if not common:
@@ -265,7 +275,8 @@ def links_overlap(instance: ArticulatedObject, threshold: float) -> Overlap:
 def _common_points(instance: ArticulatedObject, threshold: float) -> list[tuple[Array, Array, Array]]:
     """Return points at which the convex parts of both links overlap by more than ``threshold`` metres.
 
-    Without the hinge's region; by openness: moving pose (4, 4), points (N, 3) in the root frame, depths (N,), m.
+    Points near the hinge are left out. The list has for each openness the pose of the moving link (4, 4), the points
+    (N, 3) in the root frame, and their depths (N,), m.
     """
     joint = instance.joint
     body = next((list(h) for link, h in instance.hulls.items() if link != joint.child_link), [])
@@ -315,7 +326,7 @@ class _Enclosed:
         return near | ~self._space.is_free_finely(points, GAP)
 
     def depth(self, points: Array) -> float:
-        """Return the enclosed points' (N, 3) maximum distance (m) from the meshes; 0 if no point is enclosed."""
+        """Return the maximum distance (m) of the points (N, 3) that are enclosed from the meshes, or 0 if none is."""
         inside = points[((points > self._space.low) & (points < self._space.high)).all(axis=1)]
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):
