@@ -139,8 +139,8 @@ def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionSha
     """Compare the bounding boxes of a collision shape and of the hull (N, 3) from which PhysX made the shape.
 
     Returns:
-        The distance by which the shape falls short of the hull, and the distance by which it exceeds the hull, each the
-        largest over the sides of their boxes.
+        Two distances (m) between the bounding boxes of shape and hull, each the maximum over the six sides: how far the
+        shape falls short of the hull, and how far it exceeds the hull.
     """
     cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])

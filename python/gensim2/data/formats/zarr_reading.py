@@ -113,7 +113,7 @@ def _description(tree: ForeignTree, name: str) -> _ArrayDescription:
 
 
 def _opened(tree: ForeignTree, name: str, frames: int, longest: int) -> Any:
-    """Open an array with ``frames`` rows. Its ``longest`` rows have at most ``MAX_ZARR_ARRAY`` bytes."""
+    """Open an array with ``frames`` rows. The longest episode, ``longest`` rows, may have ``MAX_ZARR_ARRAY`` bytes."""
     file, found = tree.path / name / ".zarray", _description(tree, name)
     if found.shape[0] != frames:
         wrong = f"has {shown(found.shape)}, not the {frames} frames of meta/episode_ends"
