@@ -81,6 +81,8 @@ pub(crate) struct Follower<'p> {
     /// Joint values that redundant joints move toward, instead of away from their limits.
     pub posture: Option<Row>,
     placed: Placed,
+    /// Joint vector of `placed`.
+    at: Row,
     qp: ActiveSet,
     bounds: Vec<Bound>,
     /// Flag that ends the following of a path.
@@ -98,6 +100,7 @@ impl<'p> Follower<'p> {
             tolerance: [OFF_PATH, f64::INFINITY],
             posture: None,
             placed: Placed::default(),
+            at: [f64::NAN; MAX_JOINTS],
             qp: ActiveSet::default(),
             bounds: Vec::new(),
             over,
@@ -134,7 +137,10 @@ impl<'p> Follower<'p> {
 
     /// Returns the hand pose at the joint vector `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
-        self.placed.place(self.robot, self.model, x);
+        if self.at != *x {
+            self.placed.place(self.robot, self.model, x);
+            self.at = *x;
+        }
         self.placed.hand
     }
 

@@ -13,6 +13,8 @@ const CURVED: f64 = 1e-3;
 /// Distances (rad or m) between waypoints of a straight free motion, and near the ends of a free motion.
 const WIDE: f64 = 0.5;
 const NEAR: f64 = 0.04;
+/// Number of positions at which a straight free motion is checked before it is timed.
+const LOOKS: usize = 8;
 
 /// A free motion to the first keyframe.
 pub(super) struct Approach {
@@ -83,6 +85,23 @@ impl Planner<'_> {
             None => pieces.extend(corners.windows(2).map(straight)),
         }
         Ok(Approach { pieces, corners: stops, kept, hit: None })
+    }
+
+    /// Returns the straight motion to the first keyframe, which is not proven; `None` if it is blocked at one of a few
+    /// positions.
+    pub(super) fn straight_approach(&mut self, goal: &Row) -> Option<Approach> {
+        let (segment, ends) = (self.world.schedule.toward(self.entry), [self.rest(), *goal]);
+        let wide = self.margins(&ends[0], goal, segment, self.margin + CURVED, false);
+        if self.world.is_hit_at(Way::still(&ends), segment, &wide, LOOKS) {
+            return None;
+        }
+        let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
+        Some(Approach {
+            pieces: vec![rounded(self.model.n(), &ends, WIDE, NEAR)],
+            corners: Vec::new(),
+            kept,
+            hit: None,
+        })
     }
 
     /// Returns waypoints of a collision-free smooth curve near the corners, as wide as obstacles permit at each corner.

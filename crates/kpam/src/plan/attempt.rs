@@ -7,7 +7,10 @@ use super::planner::{PAD, Planner};
 use super::timed::Timed;
 use crate::model::Row;
 use crate::motion::Motions;
-use crate::world::{Hit, Margins, Way};
+use crate::world::{Hit, Margins, MotionSegment, TOUCH, Way};
+
+/// Number of positions at which a hand path is checked before its motion is timed.
+const LOOKS: usize = 4;
 
 /// Degree to which a motion has been checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -166,6 +169,41 @@ impl Planner<'_> {
         out.stage = Stage::Seen;
     }
 
+    /// Returns the attempt with a straight free motion to the first keyframe and a timed motion, if this motion is
+    /// collision-free. Only the timed motion is proven, so this is faster than a proof of each part before the timing.
+    pub(super) fn straightaway(&mut self, attempt: &Attempt) -> Option<Attempt> {
+        let from_rest = self.stop.is_empty() && self.warm_start.is_none() && self.world.start_overlap <= TOUCH;
+        let is_on_the_way = self.entry > attempt.motions.actuation;
+        if !self.problem.options.avoid_collisions || !from_rest || is_on_the_way || attempt.failure.is_some() {
+            return None;
+        }
+        let mut out = attempt.clone();
+        out.stage = Stage::Swept;
+        self.act(&out);
+        for path in attempt.outwards().filter(|path| !attempt.paths[*path].is_empty()) {
+            let way = attempt.way(path);
+            let (segment, wide) = self.wide(way, path);
+            if self.world.is_hit_at(way, segment, &wide, LOOKS) {
+                return None;
+            }
+            out.margins[path] = wide.with_clearance(self.margin);
+        }
+        let straight = self.straight_approach(&out.arrival(self.entry))?;
+        (out.approach, out.kept) = (straight.pieces, straight.kept);
+        out.timed = Some(self.emit(&mut out).ok()?);
+        Some(out)
+    }
+
+    /// Returns the segment of a path, and the distances that bodies keep when the path is swept: the clearance, or their
+    /// distance at the ends of `way` if that is smaller.
+    fn wide(&mut self, way: Way<'_>, path: usize) -> (MotionSegment, Margins) {
+        let segment = self.world.schedule.along(path);
+        let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+        let ends = [way.state(0), way.state(way.waypoints.len() - 1)];
+        let wide = self.world.margins_between(ends, segment, clearance + PAD);
+        (segment, if self.entry > self.world.schedule.actuation() { wide } else { wide.parted() })
+    }
+
     /// Searches the free motion to the first keyframe, and times the whole motion.
     pub(super) fn complete(&mut self, out: &mut Attempt, samples: usize) {
         self.act(out);
@@ -236,7 +274,6 @@ impl Planner<'_> {
     /// Sweeps a path; returns the last collision-free waypoint and the obstacle. A shortened path has a new end with
     /// other distances between bodies, so it is swept again if its extent still exceeds `bar`.
     fn sweep_path(&mut self, out: &mut Attempt, path: usize, bar: Option<f64>) -> Option<(usize, Hit)> {
-        let segment = self.world.schedule.along(path);
         let act = out.motions.actuation;
         let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
         let steps = out.paths[path].len() - 1;
@@ -244,9 +281,7 @@ impl Planner<'_> {
         loop {
             let last = met.as_ref().map_or(steps, |(k, _)| *k);
             let way = out.way(path).until(last);
-            let ends = [way.state(0), way.state(way.waypoints.len() - 1)];
-            let wide = self.world.margins_between(ends, segment, clearance + PAD);
-            let wide = if self.entry > act { wide } else { wide.parted() };
+            let (segment, wide) = self.wide(way, path);
             let hit = self.world.sweep_along(way, segment, &wide);
             out.margins[path] = wide.with_clearance(clearance);
             match hit {

@@ -190,6 +190,8 @@ impl Planner<'_> {
         trials.tried += 1;
         if attempt.overlaps {
             trials.overlapping.push(attempt.origin);
+        } else if let Some(whole) = self.straightaway(&attempt) {
+            return self.keep(whole, trials);
         } else {
             self.sweep_all(&mut attempt, bar);
         }

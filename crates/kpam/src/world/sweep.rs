@@ -73,6 +73,16 @@ impl World<'_> {
         None
     }
 
+    /// Returns whether a checked pair violates its margin at one of `count` evenly spaced positions, of which the last is
+    /// the end.
+    pub fn is_hit_at(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins, count: usize) -> bool {
+        let end = (way.waypoints.len() - 1) as f64;
+        (1..=count).any(|k| {
+            let (x, travel) = way.at(end * k as f64 / count as f64);
+            self.hit_at(State { x: &x, travel }, segment, margins).is_some()
+        })
+    }
+
     /// Computes the maximum displacement of each group's points per unit of each joint (m per rad or m).
     fn measure_levers(&self, segment: MotionSegment, levers: &mut Vec<f64>) {
         let table = self.table(segment);
