@@ -106,6 +106,15 @@ def test_a_body_farther_from_an_object_is_a_part_of_it_if_it_looks_like_the_obje
     assert runs(first_division(both, 0.0, [BOX], known), [large, door]) == [{0}, {0 if is_part else NOTHING}]
 
 
+def test_a_body_farther_from_an_object_is_a_part_of_it_if_the_class_becomes_more_probable() -> None:
+    """The door alone hardly looks like a refrigerator, and neither does the refrigerator without its door."""
+    large, door = block(0.0, 0.0, side=0.4), block(0.4 + 2.0 * BESIDE, 0.0, side=0.2)
+    both = np.concatenate([large, door])
+    for joined, label in ((0.95, 0), (0.55, NOTHING)):
+        known = chances_of((large, {BOX: 0.6}), (door, {BOX: 0.01}), (both, {BOX: joined}))
+        assert runs(first_division(both, 0.0, [BOX], known), [large, door]) == [{0}, {label}]
+
+
 @pytest.mark.parametrize(("chance", "is_part"), [(0.0, False), (0.1, True)])
 def test_a_body_beside_an_object_that_is_too_small_alone_must_make_its_class_possible(
     chance: float, *, is_part: bool

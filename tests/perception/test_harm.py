@@ -13,7 +13,7 @@ from gensim2.perception.estimation import PerceivingChain, chain
 from gensim2.perception.estimation.presence import connected_extent
 from gensim2.robots import robot
 from gensim2.robots.force import FORCE_LIMIT, Yielding
-from gensim2.rollout.controller import spec_of
+from gensim2.rollout.controller import PrivilegedObservation, spec_of
 from gensim2.rollout.record import Cause
 from gensim2.rollout.run import run
 from gensim2.scenes.initial_state import InitialState, PlacedObject
@@ -79,6 +79,29 @@ def test_a_held_arm_presses_with_the_limit_and_ends_its_motion() -> None:
     # The force of the hand may be the one at its limit, and the force of the tool then is smaller.
     assert 0.9 < max(forces) / chain.PRESSING <= 1.001
     assert forces[-1] == pytest.approx(0.0, abs=0.1)  # The arm no longer presses.
+
+
+@pytest.mark.parametrize("failures", [chain.MAX_FRESH_STARTS, chain.MAX_FRESH_STARTS + 1])
+def test_the_controller_looks_again_if_no_strategy_has_a_plan(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+    """The errors of the next point cloud differ, so a plan may exist then."""
+    env = HeadlessEnv("OpenBox", assets="builtin", engine="mujoco")
+    env.reset(0)
+    controller = PerceivingChain("OpenBox")
+    seen = env.observe(spec_of(controller))
+    controller.reset(seen, 0)
+    plans, calls = chain._Chain._begin, iter(range(100))
+
+    def fails_first(self: chain._Chain, observation: PrivilegedObservation) -> bool:
+        return next(calls) >= failures and plans(self, observation)
+
+    monkeypatch.setattr(chain._Chain, "_begin", fails_first)
+    for step in range(chain.MAX_FRESH_STARTS):
+        action = controller.act(replace(seen, step=step))
+        assert action is not None
+        np.testing.assert_allclose(action[:-1], env.q[ARM], atol=1e-6)  # The arm stays where it is.
+    last = controller.act(replace(seen, step=chain.MAX_FRESH_STARTS))
+    assert len(controller.looks) == chain.MAX_FRESH_STARTS + 1
+    assert (last is None) == (failures > chain.MAX_FRESH_STARTS)
 
 
 @pytest.mark.parametrize("is_free", [True, False])

@@ -45,6 +45,8 @@ BLOCKED_SECONDS = 0.25
 """Time (s) for which an obstacle must block the arm on its way to the object before the motion ends."""
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
+MAX_FRESH_STARTS = 2
+"""Maximum number of times that the controller continues after no strategy has led to the goal."""
 
 
 class _Chain(ChainController):
@@ -82,14 +84,16 @@ class _Chain(ChainController):
         self._force = Yielding(self._profile, PRESSING)
 
     def resume(self, last: Action, *, from_start: bool = False) -> None:
-        """Plan again after the controller has already ended the episode as successful. Call this method if a new
-        estimate of the scene shows that the goal is not reached.
+        """Plan again after the controller has already ended the episode. Call this method if a new estimate of the
+        scene shows that the goal is not reached.
 
         Args:
             last: latest action of the controller. The controller repeats this action until the new motion begins.
             from_start: whether to repeat all steps of the task instead of the last step.
         """
         self.is_finished, self._retreat, self._trigger, self._last = False, None, NOT_DONE, last
+        if self._turns:
+            self._turns[-1].tries.clear()
         if from_start:
             self._at, self._running, self._waited = 0, None, 0
 
@@ -254,7 +258,7 @@ class PerceivingChain:
             low = (*settings.low[:2], SETTINGS.low[2])
             settings = replace(settings, noise=read_noise(noise), outliers=SETTINGS.outliers, low=low)
         self._spec = ObservationSpec(cloud=settings)
-        self._checks_goal, self._checked = False, 0
+        self._checks_goal, self._checked, self._fresh_starts = False, 0, 0
         self._step = self._task.steps[0]
         self._last: Action | None = None
         self._refusal: Event | None = None
@@ -311,7 +315,8 @@ class PerceivingChain:
         """Start an episode."""
         torch.set_num_threads(self._threads)
         self._goal.reset()
-        self._checks_goal, self._checked, self._last, self._refusal = False, 0, None, None
+        self._checks_goal, self._checked, self._fresh_starts = False, 0, 0
+        self._last, self._refusal = None, None
         self._seed = seed
         # The first observation has no cloud if its contents were requested during the previous episode. In this case
         # ``act`` makes the first estimate from the next observation.
@@ -348,6 +353,12 @@ class PerceivingChain:
                 return None
             self._checks_goal, self._checked = True, self._checked + 1
             return self._last
+        if action is None and not self._chain.is_finished and self._fresh_starts < MAX_FRESH_STARTS:
+            # The next point cloud has other errors, with which a plan may exist.
+            self._fresh_starts += 1
+            arm = observation.joint_positions[list(self._profile.arm_columns)]
+            action = np.append(arm, 1.0).astype(np.float32) if self._last is None else self._last
+            self._chain.resume(action)
         self._last = action
         return action
 

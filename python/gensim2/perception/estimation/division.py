@@ -25,14 +25,14 @@ BESIDE, ABOVE = 0.08, 0.15
 """Maximum gap (m) between an object and a cluster that is a part of this object: of a cluster that reaches down to the
 table, and of a cluster that does not.
 """
-LEAST_RATIO = 0.5
+LEAST_RATIO = 0.4
 """A cluster beside an object is a part of this object only if the probability of the object's class, with the cluster,
 is positive and at least this fraction of the probability without the cluster.
 """
-FAR_SHARE, LIKELY = 0.3, 0.5
+FAR_SHARE, LIKELY = 0.3, 0.4
 """Maximum gap between an object and a cluster that looks like the object itself, such as the open door of a large
 refrigerator beside its other door, as a fraction of the object's extent; and minimum probability of the object's class,
-given the cluster alone.
+given the cluster alone. The gap may also be as large if the class is more probable with the cluster than without it.
 """
 LEAST_CHANCE = 1e-9
 """Probability of a class that replaces smaller ones, so that their logarithms are finite."""
@@ -111,14 +111,14 @@ def _joined(
     }
     for number in sorted(gaps, key=gaps.__getitem__):
         own = cloud[labels == number]
-        is_near = gaps[number] <= BESIDE or (
-            gaps[number] <= FAR_SHARE * connected_extent(own) and chances(cloud[rows], classes[number]) >= LIKELY
-        )
-        if not is_near:
-            continue
         joined = chances(np.concatenate([own, cloud[rows]]), classes[number])
+        alone = chances(own, classes[number])
+        is_near = gaps[number] <= BESIDE or (
+            gaps[number] <= FAR_SHARE * connected_extent(own)
+            and (joined > alone or chances(cloud[rows], classes[number]) >= LIKELY)
+        )
         # The probability without the body may be 0, because the body is needed for the minimum size of the class.
-        if joined > 0.0 and joined >= LEAST_RATIO * chances(own, classes[number]):
+        if is_near and joined > 0.0 and joined >= LEAST_RATIO * alone:
             return number
     return NOTHING
 

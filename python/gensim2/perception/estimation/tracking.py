@@ -74,12 +74,13 @@ that moves back by this displacement does not stand still.
 """
 STALLED = {"revolute": 0.05, "prismatic": 0.005}
 """Maximum displacement in a motion during which the joint stands still, rad or m."""
-MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED = 3.0, 0.35, 0.18, 0.25
+MOST_DEVIATIONS, FAR_FROM_END, NEAR_END, REPEATED, DOUBTFUL, UNCERTAIN = 3.0, 0.35, 0.2, 0.25, 0.42, 0.15
 """Maximum number of standard deviations between the estimated openness and the end of the joint range if the joint is
-at this end, and maximum difference of an openness that the cloud shows. After a motion that moved the joint until it
-resisted, and after a motion without a displacement and without resistance, the openness may differ from the end by at
-most ``NEAR_END``. After a motion without a displacement but with resistance, or after two motions without both, it may
-differ by ``REPEATED`` even if the estimate is more certain.
+at this end, and maximum difference of an openness that the cloud shows. ``NEAR_END`` is the maximum after a motion that
+moved the joint until it resisted, and after a motion without a displacement and without resistance. ``REPEATED`` is
+allowed, even if the estimate is more certain, after a motion without a displacement but with resistance, and after two
+motions without both. ``DOUBTFUL`` is allowed after these motions if the standard deviation is at least ``UNCERTAIN``,
+and for an object that moved as a whole until it resisted.
 """
 
 
@@ -273,11 +274,9 @@ class Track:
         """Return the track after a motion.
 
         The new openness is a weighted mean of two values: the openness in the new estimate, and the openness in the old
-        estimate plus the measured displacement. The weights are the inverse variances. If an earlier motion moved the
-        joint towards the goal and this motion moved it neither further nor back, the joint counts as being at the end
-        of its range, unless the new openness contradicts this. If two motions in a row do not move the joint, a larger
-        contradiction is allowed. The joint also counts as being at the end if the object resists a second time without
-        a displacement, and the new openness is uncertain enough.
+        estimate plus the measured displacement. The weights are the inverse variances. If the motion has given a sign
+        that the joint is at the end of its range, such as resistance, the joint counts as being there, unless the new
+        openness contradicts this (:meth:`_most_from_end`).
 
         If a motion has moved a prismatic joint, and the new openness agrees with the measured displacement, each
         keypoint is the more certain of two: the new keypoint, and the old keypoint after the displacement.
@@ -305,6 +304,7 @@ class Track:
             and abs(displaced.joint.openness - found.joint.openness) > REFUTED
             and measured.contradicts(implied)
         )
+        network = found
         found = displaced if is_wrong else found
         latest, found = found, self._with_keypoints(found, change)
         moved = self.moved + change
@@ -325,34 +325,57 @@ class Track:
         if is_wrong:
             openness, deviation = new.openness, new.openness_deviation
         end = 0.5 + 0.5 * goal
-        has_ended = goal * self.moved >= MOVED[kind] and -MOVED[kind] < goal * change < STALLED[kind]
-        # The hand has pressed on the part for the second time without moving it.
-        resists = bool(is_pressed and is_still and self.misses)
-        ends_pressed = bool(is_pressed and goal * change >= MOVED[kind])
-        if goal and (has_ended or resists or ends_pressed):
-            most, shown = MOST_DEVIATIONS * new.openness_deviation, new.openness
-            if ends_pressed:
-                # An object also resists on its way, if the hand pushes in a wrong direction.
-                most, shown = min(most, NEAR_END), shown if new.openness_deviation <= UNKNOWN else openness
-            elif new.openness_deviation <= UNKNOWN:
-                most = min(most, FAR_FROM_END)
-            if (self.misses and not resists and not ends_pressed) or (is_pressed and has_ended):
-                most = max(most, REPEATED)
-            elif is_pressed is False:
-                # The hand may also have missed the moving part.
-                most = min(most, NEAR_END)
-            # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole, such
-            # as a lifted bucket, because its cloud does not show the joint range. A second resistance is also enough
-            # for a sliding part; the openness of a hinge is well visible.
-            signs = sum((bool(is_pressed), self.misses > 0, bool(found.moving.all())))
-            again = bool(is_pressed and self.was_pressed and kind == "prismatic")
-            is_certain = has_ended and (signs >= 2 or again)
-            if is_certain or abs(shown - end) <= most:
+        if goal:
+            # Only the displacement shows an unknown openness after a motion that has moved the joint.
+            is_shown = new.openness_deviation <= UNKNOWN or is_still
+            shown = replace(new, openness=new.openness if is_shown else openness)
+            if is_wrong:
+                doubt = abs(new.openness - network.joint.openness)
+                shown = replace(shown, openness_deviation=max(new.openness_deviation, doubt))
+            if abs(shown.openness - end) <= self._most_from_end(shown, change, goal, is_pressed, network.moving.all()):
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
             # A part that may have reached its end is there, because it seldom stops shortly before its end.
             openness, deviation = end, ABSOLUTE
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest, bool(is_pressed))
+
+    def _most_from_end(
+        self, shown: JointEstimate, change: float, goal: int, is_pressed: bool | None, is_whole: bool
+    ) -> float:
+        """Return the maximum difference of the openness from the end of the joint range at which the joint counts as
+        being at the end after a motion. The difference depends on the signs of the end that the motion has given; it is
+        negative without any sign.
+
+        Args:
+            shown: joint with the openness after the motion.
+            change: displacement in the motion, rad or m.
+            goal: 1 if the motion should open the joint, -1 if it should close the joint.
+            is_pressed: whether the object has blocked the arm in the motion; None: unknown.
+            is_whole: whether the object moves as a whole, as a lifted bucket does.
+        """
+        kind, deviation = shown.type, shown.openness_deviation
+        has_moved, stands_still = goal * self.moved >= MOVED[kind], abs(change) < STALLED[kind]
+        has_ended = has_moved and -MOVED[kind] < goal * change < STALLED[kind]
+        plausible = MOST_DEVIATIONS * deviation
+        if deviation <= UNKNOWN:
+            plausible = min(plausible, FAR_FROM_END)
+        if is_pressed and goal * change >= MOVED[kind]:
+            # The joint has moved until it resisted. An object also resists on its way if the hand pushes in a wrong
+            # direction.
+            return DOUBTFUL if is_whole else NEAR_END
+        if has_ended:
+            # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole,
+            # because its cloud does not show the joint range. A second resistance is also enough for a sliding part;
+            # the openness of a hinge is well visible.
+            signs = (bool(is_pressed), self.misses > 0, is_whole)
+            if sum(signs) >= 2 or (is_pressed and self.was_pressed and kind == "prismatic"):
+                return 1.0
+            if is_pressed or self.misses:
+                return max(plausible, REPEATED if deviation < UNCERTAIN else DOUBTFUL)
+            # Without resistance, the hand may also have missed the moving part.
+            return plausible if is_pressed is None else min(plausible, NEAR_END)
+        # The hand has pressed on the part for the second time without moving it.
+        return plausible if is_pressed and stands_still and self.misses else -1.0
 
     def _way_to_goal(self, found: ObjectEstimate, cloud: Points, goal: int) -> Displacement | None:
         """Return the displacement towards the goal at which a cloud has points of the moving part, or the displacement
