@@ -46,7 +46,7 @@ BLOCKED_SECONDS = 0.25
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 MAX_FRESH_STARTS = 2
-"""Maximum number of times that the controller continues after no strategy has led to the goal."""
+"""Maximum number of times that the controller looks again if no strategy has brought the hand to the object."""
 
 
 class _Chain(ChainController):
@@ -67,6 +67,12 @@ class _Chain(ChainController):
     def motions(self) -> int:
         """Number of motions of which at least a part was executed."""
         return sum(plan.ran > 0 for turn in self._turns for plan in turn.plans)
+
+    @property
+    def has_touched(self) -> bool:
+        """Whether a motion of the current step has brought the hand to the object."""
+        plans = [(plan.ran, plan.planned.schedule) for plan in self._turns[-1].plans] if self._turns else []
+        return any(schedule is not None and ran > schedule.contact for ran, schedule in plans)
 
     @property
     def is_moving(self) -> bool:
@@ -353,7 +359,8 @@ class PerceivingChain:
                 return None
             self._checks_goal, self._checked = True, self._checked + 1
             return self._last
-        if action is None and not self._chain.is_finished and self._fresh_starts < MAX_FRESH_STARTS:
+        has_failed = action is None and not self._chain.is_finished
+        if has_failed and not self._chain.has_touched and self._fresh_starts < MAX_FRESH_STARTS:
             # The next point cloud has other errors, with which a plan may exist.
             self._fresh_starts += 1
             arm = observation.joint_positions[list(self._profile.arm_columns)]

@@ -30,7 +30,7 @@ LEFT = 0.03
 """Minimum displacement (m) of a rigid object that has left its goal."""
 ABOVE_BOTTOM = 0.002
 """Minimum height (m) of an object that was put on or into another one above the bottom of this one."""
-DISTRUST = 2.0
+DISTRUST = 1.5
 """A goal counts as reached if the estimated joint exceeds the goal by this number of standard deviations, divided by
 the number of motions of the step. The latest motions do not count if they have not moved the joint."""
 

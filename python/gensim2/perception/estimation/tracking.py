@@ -51,6 +51,9 @@ LEAST_SHIFT = {"revolute": 0.3, "prismatic": 0.025}
 LEAST_RANGE = {"revolute": 0.15, "prismatic": 0.025}
 """Minimum joint range (rad or m) for a displacement to be measured. The points of smaller displacements, for example of
 a button, are too far apart to show it."""
+SHORT = 0.08
+"""Displacement (m) of a sliding part that is possible although the estimated range is smaller, if the estimate is
+uncertain."""
 NEAREST = 3
 """Number of cloud points whose mean replaces a keypoint that the hand has missed."""
 MOST_MISSED = 0.06
@@ -191,7 +194,10 @@ def _fitted(
     # The joint stays in its range.
     doubt = WITHIN * joint.openness_deviation
     low, high = -min(joint.openness + doubt, 1.0), min(1.0 - joint.openness + doubt, 1.0)
-    coarse = span * np.linspace(low, high, GRID)
+    least, most = span * low, span * high
+    if joint.type == "prismatic" and joint.openness_deviation >= UNCERTAIN:
+        least, most = (least, max(most, SHORT)) if goal > 0 else (min(least, -SHORT), most)
+    coarse = np.linspace(least, most, GRID)
     least = distance(0.0)
 
     def best_of(values: Array, gain: float) -> float:
