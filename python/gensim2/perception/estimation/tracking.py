@@ -332,13 +332,15 @@ class Track:
             openness, deviation = new.openness, new.openness_deviation
         end = 0.5 + 0.5 * goal
         if goal:
-            # Only the displacement shows an unknown openness after a motion that has moved the joint.
-            is_shown = new.openness_deviation <= UNKNOWN or is_still
+            is_whole = bool(network.moving.all())
+            # Only the displacement shows an unknown openness after a motion that has moved the joint, and the openness
+            # of an object that moves as a whole.
+            is_shown = new.openness_deviation <= UNKNOWN or (is_still and not is_whole)
             shown = replace(new, openness=new.openness if is_shown else openness)
             if is_wrong:
                 doubt = abs(new.openness - network.joint.openness)
                 shown = replace(shown, openness_deviation=max(new.openness_deviation, doubt))
-            if abs(shown.openness - end) <= self._most_from_end(shown, change, goal, is_pressed, network.moving.all()):
+            if abs(shown.openness - end) <= self._most_from_end(shown, change, goal, is_pressed, is_whole):
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
             # A part that may have reached its end is there, because it seldom stops shortly before its end.
@@ -370,6 +372,9 @@ class Track:
             # direction.
             return DOUBTFUL if is_whole else NEAR_END
         if has_ended:
+            if is_whole and deviation > UNKNOWN and not self.misses:
+                # The hand may have slipped off an object that is pushed along the table.
+                return DOUBTFUL
             # Two of three signs are enough: resistance, a second standstill, and an object that moves as a whole,
             # because its cloud does not show the joint range. A second resistance is also enough for a sliding part;
             # the openness of a hinge is well visible.
