@@ -434,4 +434,4 @@ def test_the_type_of_arrays_is_defined_once() -> None:
         for path in sources(package):
             if "Array = npt.NDArray[np.float64]" in path.read_text():
                 where = path.relative_to(PYTHON / package).as_posix()
-                assert where in ("core/arrays.py", "perception/estimation/tracking.py"), path
+                assert where == "core/arrays.py", path

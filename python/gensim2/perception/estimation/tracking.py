@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from gensim2.core.arrays import Array
 from gensim2.objects.types import joint_motion
 from gensim2.perception.cloud import uniform_stride
 from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, Points
 
-Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
 LEAST_MOVING = 12
@@ -194,10 +194,10 @@ def _fitted(
     # The joint stays in its range.
     doubt = WITHIN * joint.openness_deviation
     low, high = -min(joint.openness + doubt, 1.0), min(1.0 - joint.openness + doubt, 1.0)
-    least, most = span * low, span * high
+    lower, upper = span * low, span * high
     if joint.type == "prismatic" and joint.openness_deviation >= UNCERTAIN:
-        least, most = (least, max(most, SHORT)) if goal > 0 else (min(least, -SHORT), most)
-    coarse = np.linspace(least, most, GRID)
+        lower, upper = (lower, max(upper, SHORT)) if goal > 0 else (min(lower, -SHORT), upper)
+    coarse = np.linspace(lower, upper, GRID)
     least = distance(0.0)
 
     def best_of(values: Array, gain: float) -> float:
