@@ -258,3 +258,20 @@ def test_a_part_that_stands_still_twice_is_at_its_end_if_its_openness_is_uncerta
     for _ in range(3):
         track = track.after(after, looks[1].cloud.xyz, none, 1, is_pressed=False)
     assert (track.found.joint.openness == 1.0) == is_end
+
+
+@pytest.mark.parametrize(
+    ("asset_class", "by", "stays"), [("drawer", 0.0, True), ("box_rotate", 0.0, True), ("drawer", 0.02, False)]
+)
+def test_keypoints_stay_if_a_cloud_shows_no_more_of_an_object(asset_class: str, by: float, stays: bool) -> None:
+    """The arm hides a quarter of the object, so the new estimate is worse. A pushed object has other points."""
+    look, none = look_at(asset_class, 0.9), np.zeros(0, dtype=np.int64)
+    true = truth(look)
+    shift = np.array([by, by, 0.0], dtype=np.float32)
+    kept = np.sort(np.argsort(look.cloud.xyz[true.points, 1])[len(true.points) // 4 :])
+    worse = {name: at + np.array([0.03, 0.0, 0.0]) for name, at in true.keypoints.items()}
+    partly = replace(true, points=true.points[kept], moving=true.moving[kept], keypoints=worse)
+    track = Track(true, look.cloud.xyz, none).after(partly, look.cloud.xyz + shift, none, 0, is_expected=False)
+    expected = true.keypoints if stays else worse
+    for name, at in track.found.keypoints.items():
+        np.testing.assert_allclose(at, expected[name], atol=1e-9)

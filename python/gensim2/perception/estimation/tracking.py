@@ -71,6 +71,9 @@ pushed along the table."""
 REFUTED = 0.15
 """Minimum difference of the openness in a new estimate from the openness after the measured displacement for the new
 estimate to be discarded."""
+SAME, SAME_SHARE = 0.003, 0.9
+"""Maximum distance (m) of a point from the last cloud if the last cloud shows this point, too; and the fraction of an
+object's points that the last cloud shows if a new cloud shows nothing more of the object."""
 MOVED = {"revolute": 0.15, "prismatic": 0.012}
 """Minimum displacement towards the goal (rad or m) before a standstill counts as the end of the joint range. A joint
 that moves back by this displacement does not stand still.
@@ -284,6 +287,9 @@ class Track:
         that the joint is at the end of its range, such as resistance, the joint counts as being there, unless the new
         openness contradicts this (:meth:`_most_from_end`).
 
+        If a motion that should not move the joint has not moved it, and the new cloud shows no more of the object than
+        the last one, for example because the arm hides a part of it, the keypoints are not changed.
+
         If a motion has moved a prismatic joint, and the new openness agrees with the measured displacement, each
         keypoint is the more certain of two: the new keypoint, and the old keypoint after the displacement.
 
@@ -312,10 +318,14 @@ class Track:
         )
         network = found
         found = displaced if is_wrong else found
-        latest, found = found, self._with_keypoints(found, change)
-        moved = self.moved + change
         kind = self.found.joint.type
         is_still = abs(change) < STALLED[kind]
+        if not is_expected and is_still and self._shows_no_more(found, cloud):
+            kept = replace(found, keypoints=self.found.keypoints, keypoint_deviations=self.found.keypoint_deviations)
+            latest, found = found, kept
+        else:
+            latest, found = found, self._with_keypoints(found, change)
+        moved = self.moved + change
         misses = self.misses + 1 if goal and is_still else 0
         old, new = self.found.joint, found.joint
         predicted = float(np.clip(old.openness + change / span, 0.0, 1.0))
@@ -387,6 +397,12 @@ class Track:
             return plausible if is_pressed is None else min(plausible, NEAR_END)
         # The hand has pressed on the part for the second time without moving it.
         return plausible if is_pressed and stands_still and self.misses else -1.0
+
+    def _shows_no_more(self, found: ObjectEstimate, cloud: Points) -> bool:
+        """Return whether nearly all points of an object in a new cloud lie at its points in the last cloud."""
+        old, new = self.cloud[(self.latest or self.found).points], cloud[found.points]
+        distances = cKDTree(old).query(new[uniform_stride(len(new), MOST_COMPARED)])[0]
+        return bool(np.quantile(distances, SAME_SHARE) < SAME)
 
     def _way_to_goal(self, found: ObjectEstimate, cloud: Points, goal: int) -> Displacement | None:
         """Return the displacement towards the goal at which a cloud has points of the moving part, or the displacement
