@@ -110,7 +110,7 @@ def test_a_body_farther_from_an_object_is_a_part_of_it_if_the_class_becomes_more
     """The door alone hardly looks like a refrigerator, and neither does the refrigerator without its door."""
     large, door = block(0.0, 0.0, side=0.4), block(0.4 + 2.0 * BESIDE, 0.0, side=0.2)
     both = np.concatenate([large, door])
-    for joined, label in ((0.95, 0), (0.55, NOTHING)):
+    for joined, label in ((0.95, 0), (0.65, NOTHING)):
         known = chances_of((large, {BOX: 0.6}), (door, {BOX: 0.01}), (both, {BOX: joined}))
         assert runs(first_division(both, 0.0, [BOX], known), [large, door]) == [{0}, {label}]
 

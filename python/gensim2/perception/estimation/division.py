@@ -29,10 +29,11 @@ LEAST_RATIO = 0.4
 """A cluster beside an object is a part of this object only if the probability of the object's class, with the cluster,
 is positive and at least this fraction of the probability without the cluster.
 """
-FAR_SHARE, LIKELY = 0.3, 0.4
+FAR_SHARE, LIKELY, RISE = 0.3, 0.4, 0.1
 """Maximum gap between an object and a cluster that looks like the object itself, such as the open door of a large
 refrigerator beside its other door, as a fraction of the object's extent; and minimum probability of the object's class,
-given the cluster alone. The gap may also be as large if the class is more probable with the cluster than without it.
+given the cluster alone. The gap may also be as large if the cluster increases the probability of the class by at least
+``RISE``.
 """
 LEAST_CHANCE = 1e-9
 """Probability of a class that replaces smaller ones, so that their logarithms are finite."""
@@ -115,7 +116,7 @@ def _joined(
         alone = chances(own, classes[number])
         is_near = gaps[number] <= BESIDE or (
             gaps[number] <= FAR_SHARE * connected_extent(own)
-            and (joined > alone or chances(cloud[rows], classes[number]) >= LIKELY)
+            and (joined >= alone + RISE or chances(cloud[rows], classes[number]) >= LIKELY)
         )
         # The probability without the body may be 0, because the body is needed for the minimum size of the class.
         if is_near and joined > 0.0 and joined >= LEAST_RATIO * alone:
