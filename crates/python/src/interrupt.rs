@@ -20,30 +20,46 @@ const GRACE: Duration = Duration::from_millis(300);
 
 type Job = Box<dyn FnOnce() + Send>;
 
+/// Thread that runs jobs, and the process that started it.
+struct Worker {
+    process: u32,
+    jobs: Option<Sender<Job>>,
+}
+
+impl Worker {
+    fn new(jobs: Sender<Job>) -> Self {
+        Self { process: std::process::id(), jobs: Some(jobs) }
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        // A forked process has no such thread, and the thread may have held the lock of the channel.
+        if self.process != std::process::id() {
+            std::mem::forget(self.jobs.take());
+        }
+    }
+}
+
 thread_local! {
-    /// Idle thread that runs the work of this thread, and the process that started it.
-    static WORKER: Cell<Option<(u32, Sender<Job>)>> = const { Cell::new(None) };
+    /// Idle thread that runs the work of this thread.
+    static WORKER: Cell<Option<Worker>> = const { Cell::new(None) };
 }
 
 /// Passes work to the idle thread, or to a new one if there is none; returns the thread.
-fn start(job: Job) -> PyResult<Sender<Job>> {
+fn start(job: Job) -> PyResult<Worker> {
     let job = match WORKER.try_with(Cell::take).ok().flatten() {
-        Some((process, worker)) if process == std::process::id() => match worker.send(job) {
-            Ok(()) => return Ok(worker),
-            // The thread has ended because its last work panicked.
+        Some(Worker { process, jobs: Some(ref jobs) }) if process == std::process::id() => match jobs.send(job) {
+            Ok(()) => return Ok(Worker::new(jobs.clone())),
             Err(SendError(job)) => job,
         },
-        other => {
-            // A forked process has no such thread, and the state of the channel is unknown.
-            std::mem::forget(other);
-            job
-        }
+        _ => job,
     };
     let failed = |e: &dyn std::fmt::Display| KpamError::new_err(format!("threads: cannot be started ({e})"));
     let (worker, jobs) = channel::<Job>();
     thread::Builder::new().spawn(move || jobs.into_iter().for_each(|job| job())).map_err(|e| failed(&e))?;
     worker.send(job).map_err(|e| failed(&e))?;
-    Ok(worker)
+    Ok(Worker::new(worker))
 }
 
 /// Runs `work` on its own thread. If a signal handler raises an exception meanwhile, this function sets the flag
@@ -62,7 +78,8 @@ pub(crate) fn interruptible<T: Send + 'static>(
     loop {
         match wait(py, &receiver) {
             Ok(value) => {
-                WORKER.with(|idle| idle.set(Some((std::process::id(), worker))));
+                // While the calling thread ends, there is no place for the idle thread any more.
+                let _ = WORKER.try_with(|idle| idle.set(Some(worker)));
                 return Ok(value);
             }
             Err(RecvTimeoutError::Timeout) => {}
