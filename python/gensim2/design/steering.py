@@ -71,7 +71,7 @@ _PLANNED = frozenset(
 
 
 _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
-"""Causes of failure by the text in a diagnosis, which may be a status of the planner instead."""
+"""Causes of failure by the text in a diagnosis. Statuses of the planner, which a diagnosis may have, are missing."""
 
 
 @dataclass(frozen=True)

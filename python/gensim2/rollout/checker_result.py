@@ -34,7 +34,7 @@ class Mutation(StrEnum):
     BESIDE = "it lies beside the goal"
     """The object stands on the table, with a gap of ``APART`` to the outline of its goal seen from above."""
     ON_TOP = "it lies on top of the closed container"
-    """The container is closed, and the object was put on its highest point from above."""
+    """The container is closed, and the object was put from above on the highest point of the container."""
     IN_THE_AIR = "the hand holds it in the air over the goal"
     """The lowest point of the object is ``ABOVE`` the highest point of the goal."""
     GOAL_MOVED = "the goal was put on top of it"

@@ -190,7 +190,6 @@ impl Batch {
     /// Sets the value of one joint (rad or m) in every lane. All lanes must have been [set](Self::set) before.
     pub fn set_joint(&mut self, screen: &Screen, joint: usize, values: [f64; LANES]) {
         let Some(lanes) = self.q.get_mut(joint) else { return };
-        // A NaN must not count as a small angle.
         let is_small = values.iter().all(|value| value.abs() <= SMALL);
         *lanes = F32x8::new(values.map(|value| if is_small { value as f32 } else { screen.turned(joint, value) }));
     }

@@ -87,8 +87,8 @@ impl Planner<'_> {
         Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
-    /// Returns the straight motion to the first keyframe, which is not proven; `None` if it is blocked at one of a few
-    /// positions.
+    /// Returns the straight motion to the first keyframe without a proof that it is collision-free; `None` if one of a
+    /// few positions is blocked.
     pub(super) fn straight_approach(&mut self, goal: &Row) -> Option<Approach> {
         let (segment, ends) = (self.world.schedule.toward(self.entry), [self.rest(), *goal]);
         let wide = self.margins(&ends[0], goal, segment, self.margin + CURVED, false);

@@ -19,7 +19,8 @@ const FINEST: f64 = 8.0;
 /// Factor by which the edges of a final path are checked more densely than those of the search.
 const FINER: f64 = 2.0;
 
-/// Rounding error of the number of steps of an edge.
+/// Value that is subtracted from the number of steps of an edge before it is rounded up, so that a rounding error does not
+/// add a step.
 const ROUNDING: f64 = 1e-6;
 /// Number of most recently hit obstacles that are checked before all others.
 const LATEST: usize = 6;

@@ -39,9 +39,9 @@ struct Places {
     times: Vec<f64>,
     /// Full joint vectors, one after another.
     q: Vec<f64>,
-    /// Poses of the links at the places where they were needed, one place after another, and the index of the first pose
-    /// of each place.
+    /// Poses of the links at the places for which they have been computed, one place after another.
     poses: Vec<Pose>,
+    /// Index in `poses` of the first pose of each place; `None` if its poses have not been computed.
     posed: Vec<Option<usize>>,
 }
 

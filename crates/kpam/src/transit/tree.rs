@@ -9,8 +9,8 @@ use super::field::Field;
 use crate::model::{MAX_JOINTS, Row, between};
 use gensim2_geometry::Draws;
 
-/// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight. Eight configurations, which
-/// are checked at once, cover it.
+/// Maximum length (m) of an edge added to a tree; each variable is multiplied by its weight. An edge
+/// of this length has eight checked configurations, which fit one batch.
 const EDGE: f64 = 0.4;
 /// If path constraints shorten an edge, at most this fraction of the distance to its target may remain.
 const NEARER: f64 = 0.98;

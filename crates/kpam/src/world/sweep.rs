@@ -73,8 +73,8 @@ impl World<'_> {
         None
     }
 
-    /// Returns whether a checked pair violates its margin at one of `count` evenly spaced positions, of which the last is
-    /// the end.
+    /// Returns whether a checked pair violates its margin at any of `count` evenly spaced positions of `way`. The start
+    /// is not checked, but the end is.
     pub fn is_hit_at(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins, count: usize) -> bool {
         let end = (way.waypoints.len() - 1) as f64;
         (1..=count).any(|k| {

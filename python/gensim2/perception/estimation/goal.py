@@ -109,10 +109,10 @@ class GoalTracker:
     def begin_step(self, done: Sequence[Criterion], q: Array, left: Collection[str] = ()) -> None:
         """Start a step of the task.
 
-        From now on, displacements of joints and the safety margin count the motions of this step.
+        From now on, only the motions of this step count for the displacements of joints and for the safety margin.
 
         A rigid object that is now at its goal counts as being there until a cloud shows it elsewhere, or until the hand
-        grasps it. The estimate of its goal may change in the following steps, but it does not become better.
+        grasps it. Newer estimates of its goal are not used, because they are not more accurate.
 
         Args:
             done: success criteria of the step.

@@ -297,7 +297,7 @@ def _examples(
     progress: Progress,
 ) -> tuple[tuple[ClassConstants, ...], Arrays, Arrays]:
     """Return class constants, training examples and calibration examples; generate examples that are missing. The
-    constants ``before`` lack values that follow from the examples.
+    constants ``before`` are completed with the joint ranges and extents of the examples.
 
     Raises:
         InputError: the cameras see none of the training objects of a class.
