@@ -112,14 +112,14 @@ def _joined(
     }
     for number in sorted(gaps, key=gaps.__getitem__):
         own = cloud[labels == number]
+        is_beside = gaps[number] <= BESIDE
+        if not is_beside and gaps[number] > FAR_SHARE * connected_extent(own):
+            continue
         joined = chances(np.concatenate([own, cloud[rows]]), classes[number])
         alone = chances(own, classes[number])
-        is_near = gaps[number] <= BESIDE or (
-            gaps[number] <= FAR_SHARE * connected_extent(own)
-            and (joined >= alone + RISE or chances(cloud[rows], classes[number]) >= LIKELY)
-        )
+        is_part = is_beside or joined >= alone + RISE or chances(cloud[rows], classes[number]) >= LIKELY
         # The probability without the body may be 0, because the body is needed for the minimum size of the class.
-        if is_near and joined > 0.0 and joined >= LEAST_RATIO * alone:
+        if is_part and joined > 0.0 and joined >= LEAST_RATIO * alone:
             return number
     return NOTHING
 
