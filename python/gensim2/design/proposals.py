@@ -32,8 +32,8 @@ SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 #: Height (m) by which an object must rise. The default grasp lifts an object twice as high.
 LIFT = 0.06
 
-#: ``RIGID`` is the number of tasks that differ only in the rigid object. ``RIGID_USEFUL`` is their usefulness (0 to 1),
-#: by which they are ordered.
+#: ``RIGID`` is the number of tasks that differ only in the rigid object. They are ordered by
+#: ``RIGID_USEFUL``, their usefulness (0 to 1).
 RIGID, RIGID_USEFUL = 3, 0.8
 
 #: Ways to hand an object over: name, sentence, and start position (x, y) in the world, m.

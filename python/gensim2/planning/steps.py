@@ -323,7 +323,7 @@ def _aside(barred: Sequence[tuple[kpam.Grasp, bool]]) -> Iterator[tuple[kpam.Gra
         yield grasp, swapped, aside
 
 
-#: Fraction of the full length by which a shortened motion ends before the partial motion.
+#: A shortened motion ends before the end of the partial motion, by this fraction of the full length.
 LEFT_OUT = 0.05
 
 TO_OPENNESS = ("follow_joint_to", "trace_joint_to")

@@ -48,8 +48,7 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
-        # The limits are Franka's published limits. The joint weights and the workspace are those of the original
-        # GenSim2.
+        # Franka has published the limits. The original GenSim2 has the same joint weights and the same workspace.
         solver={
             "limits": "panda",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

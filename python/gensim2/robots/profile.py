@@ -289,8 +289,8 @@ class RobotProfile:
     def arm_limits(self, acceleration: npt.ArrayLike, jerk: npt.ArrayLike) -> JointLimits:
         """Return the limits of the arm's joints from the solver options.
 
-        If the solver options have no limits, the velocity limits are those of the URDF. Acceleration and jerk then are
-        the arguments.
+        If the solver options have no limits, the URDF has the velocity limits, and the arguments are the limits of
+        acceleration and jerk.
 
         Args:
             acceleration, jerk: limits (m,), or one number for all joints; used if the solver options have no limits.

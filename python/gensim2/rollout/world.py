@@ -76,7 +76,7 @@ class World(Body, Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Return the measurements for the criteria. Without an arm, they are those of an arm in its start position."""
+        """Return the measurements for the criteria. Without an arm, an arm in its start position is assumed."""
         ...
 
     def scene_state(self) -> Scene:

@@ -250,8 +250,8 @@ class HeadlessEnv(SceneAccessMixin):
     def state(self) -> dict[str, dict[str, Row]]:
         """Return the state of all bodies in the form of ManiSkill's ``env_states``.
 
-        The state of a rigid body has its pose (7,) and velocities (6,). The state of an articulation has those of its
-        root and of its joints.
+        The state of a rigid body is its pose (7,) and velocities (6,). The state of an articulation consists of
+        the pose and velocities of its root, and of the positions and velocities of its joints.
         """
         assert self._reader
         found: dict[str, dict[str, Row]] = {

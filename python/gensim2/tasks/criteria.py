@@ -202,9 +202,9 @@ class _Distance(_Criterion):
 
     @abstractmethod
     def _height_excess(self, measured: Measurement) -> float:
-        """Return the height (m) by which the height condition is violated.
+        """Return the distance (m) that is missing to meet the condition on the height.
 
-        The height is 0 if the condition is met or if shapes are unknown.
+        The result is 0 if the condition is met or if shapes are unknown.
         """
 
 

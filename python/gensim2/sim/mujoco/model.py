@@ -268,7 +268,7 @@ class _Builder:
         equality.data[:2] = 0.0, 1.0
 
     def _add_pairs(self) -> None:
-        """Add the pairs of shapes that may touch. Their friction is the mean of both, as in PhysX."""
+        """Add the pairs of shapes that may touch. The friction of a pair is the mean of its shapes, as in PhysX."""
         apart = never_touching(self._profile.srdf)
         links = {link.name: link for link in links_of(self._profile.urdf)}
         groups: dict[tuple[str, str], list[Shape]] = {}
