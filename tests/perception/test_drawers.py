@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.estimator import IN_CABINET, in_cabinet, in_open_drawer
+from gensim2.perception.estimation.door import IN_CABINET, in_cabinet, on_door
+from gensim2.perception.estimation.estimator import in_open_drawer
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
@@ -70,21 +71,53 @@ def test_the_keypoint_in_a_cabinet_follows_from_its_door(asset_class: str) -> No
     look = look_at(asset_class, 0.9)
     found = truth(look, asset_class)
     inwards, across = np.array([np.cos(0.3), np.sin(0.3), 0.0]), np.array([-np.sin(0.3), np.cos(0.3), 0.0])
-    wrong = {**found.keypoints, IN_CABINET: found.keypoints[IN_CABINET] + 0.07 * inwards + 0.03 * across}
+    inside = found.keypoints[IN_CABINET]
     for door, aside in ((look.cloud.xyz[found.points[found.moving]], 0.015), (look.cloud.xyz[:0], 0.03)):
-        again = in_cabinet(wrong, door, found.joint, inwards)
-        off = again[IN_CABINET] - found.keypoints[IN_CABINET]
+        off = in_cabinet(inside + 0.07 * inwards + 0.03 * across, door, found.joint.origin, inwards) - inside
         assert off @ inwards == pytest.approx(0.0, abs=0.015)
         assert off @ across == pytest.approx(aside, abs=0.01)
         assert off[2] == 0.0
-        assert np.array_equal(again[HEAD], wrong[HEAD])
 
 
-def test_the_keypoint_in_a_box_with_a_lid_is_not_changed() -> None:
-    look = look_at("box_rotate", 0.9)
-    found = truth(look)
-    again = in_cabinet(found.keypoints, look.cloud.xyz[found.points[found.moving]], found.joint, np.eye(3)[0])
-    assert again == found.keypoints
+def door_at(angle: float, turn: float, handle: float) -> tuple[Array, Array]:
+    """Return the points of a door that is 0.3 m wide and 0.4 m high, and the middle of its handle, 4 cm from the front.
+
+    Args:
+        angle: angle about the z axis, rad.
+        turn: direction in which the door opens about the z axis.
+        handle: height of the middle of the handle, m.
+    """
+    across, up = np.mgrid[0.0:0.3:0.01, -0.2:0.2:0.01].reshape(2, -1)
+    panel = np.stack([across, np.zeros_like(up), up], axis=1)
+    bar = np.stack([np.full(16, 0.26), np.full(16, 0.04), np.linspace(handle - 0.05, handle + 0.05, 16)], axis=1)
+    T = Rotation.from_euler("z", angle).as_matrix() @ np.diag([1.0, turn, 1.0])
+    return np.concatenate([panel, bar]) @ T.T, T @ [0.26, 0.04, handle]
+
+
+@pytest.mark.parametrize(("angle", "turn"), [(0.4, 1.0), (2.0, -1.0)])
+def test_the_handle_of_a_door_is_where_points_stand_out_from_its_front(angle: float, turn: float) -> None:
+    origin = np.array([0.5, 0.1, 0.3])
+    door, handle = door_at(angle, turn, 0.08)
+    seen = (door + origin).astype(np.float32)
+    for off in ([0.0, 0.0, -0.06], [0.02, -0.02, 0.04]):
+        at, deviation = on_door(handle + origin + off, 0.06, seen, origin, turn)
+        assert np.linalg.norm(at - handle - origin) < 0.005
+        assert deviation < 0.06
+    wrong = handle + origin + [0.0, 0.0, -0.06]
+    # Neither a certain keypoint nor a keypoint far from the points that stand out is changed, nor one behind the door.
+    assert np.array_equal(on_door(wrong, 0.02, seen, origin, turn)[0], wrong)
+    far = handle + origin + [0.0, 0.0, -0.2]
+    assert np.array_equal(on_door(far, 0.06, seen, origin, turn)[0], far)
+    assert np.array_equal(on_door(wrong, 0.06, seen, origin, -turn)[0], wrong)
+
+
+def test_a_handle_does_not_lie_beyond_the_edge_of_its_door() -> None:
+    door, handle = door_at(0.0, 1.0, 0.08)
+    beyond = np.array([0.07, 0.0, 0.0])
+    at, deviation = on_door(handle + beyond, 0.02, door.astype(np.float32), np.zeros(3), 1.0)
+    assert 0.26 < at[0] < 0.285
+    assert at[1:] == pytest.approx(handle[1:], abs=0.002)
+    assert deviation == 0.02
 
 
 def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:

@@ -50,7 +50,7 @@ from gensim2.perception.estimation.measuring import calibrated, figures, measure
 from gensim2.perception.estimation.network import OTHER, STRAY, TARGET, SceneNetwork, features_of, losses
 from gensim2.perception.estimation.presence import why_absent
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
-from gensim2.perception.estimation.scene import boxes, planning_scene, raised, scene_object
+from gensim2.perception.estimation.scene import at_push_height, boxes, planning_scene, scene_object
 from gensim2.perception.estimation.tracking import Track
 from gensim2.perception.estimation.training import Examples, tensors, train_estimator
 from gensim2.perception.noise import DEPLOYED
@@ -418,8 +418,20 @@ def test_the_hand_pushes_objects_above_the_table(asset_class: str, keypoint: flo
     [head, *_] = found.moving_keypoints
     at = np.append(found.keypoints[head][:2], keypoint)
     low = replace(found, keypoints={**found.keypoints, head: at})
-    again = raised(low, look.cloud.xyz, PANDA)
+    again = at_push_height(low, look.cloud.xyz, PANDA)
     assert again.keypoints[head] == pytest.approx([*at[:2], expected], abs=1e-6)
+
+
+def test_the_hand_pushes_an_object_far_enough_below_its_top() -> None:
+    """The fingers would slip over a rounded top."""
+    look = look_at("toaster_move", 0.5)
+    found = truth(look, "toaster_move")
+    [head] = found.moving_keypoints
+    top = look.cloud.xyz[found.points, 2].max()
+    for depth, expected in ((0.01, 0.07), (0.09, 0.09)):
+        at = np.append(found.keypoints[head][:2], top - depth)
+        again = at_push_height(replace(found, keypoints={head: at}), look.cloud.xyz, PANDA)
+        assert top - again.keypoints[head][2] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_true_estimate_has_no_errors() -> None:

@@ -27,7 +27,7 @@ from gensim2.perception.estimation.network import OTHER, STRAY, TARGET
 from gensim2.perception.estimation.presence import why_absent
 from gensim2.perception.estimation.rigid import RigidEstimate
 from gensim2.perception.estimation.rigid_tracking import RigidTracker
-from gensim2.perception.estimation.scene import raised, scene_object
+from gensim2.perception.estimation.scene import at_push_height, scene_object
 from gensim2.perception.estimation.tracking import MOVED, STALLED, UNKNOWN, Track
 from gensim2.planning.scene import SceneObject
 from gensim2.tasks.criteria import JOINT, ArticulatedClosed, ArticulatedOpen, Criterion
@@ -283,7 +283,7 @@ class ArticulatedTracker:
         assert self.track is not None
         profile, cloud = self._estimator.profile, self.track.cloud
         floor = None if self.floor is None or not self.has_floor else self.floor - float(profile.T_world_base[2, 3])
-        return scene_object(self.name, raised(self.track.to_plan, cloud, profile), cloud, floor)
+        return scene_object(self.name, at_push_height(self.track.to_plan, cloud, profile), cloud, floor)
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
         """Return whether the centre of a rigid object lies in the bounding box of the moving part. Only a part with a

@@ -27,6 +27,7 @@ from gensim2.core.weights import (
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
+from gensim2.perception.estimation.door import IN_CABINET, in_cabinet, on_door
 from gensim2.perception.estimation.network import OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
@@ -69,10 +70,6 @@ EDGES = (0.05, 0.95)
 """Quantiles of the points that count as the left and the right edge of a sliding part."""
 FRONT = 0.9
 """Quantile of the points along the joint that counts as the front of a sliding part, in spite of its handle."""
-IN_CABINET, REACH = "articulated_object_inside_base", 0.11
-"""Name of the keypoint inside a cabinet with a door, and its mean distance (m) from the front of generated cabinets."""
-FAR_EDGE = 0.95
-"""Quantile of the distances of a door's points from its axis that counts as the door's width."""
 INSIDE_HEIGHT, MOST_RAISED = 0.4, 0.06
 """Height of the keypoint inside a drawer as a fraction of the height of its sides, and maximum correction (m)."""
 MOST_TURNED = 0.6
@@ -350,8 +347,21 @@ class SceneEstimator:
         keypoints = dict(zip(kind.keypoints, found["places"][1:], strict=False))
         if self.refine and kind.joint_type == "prismatic" and len(kind.keypoints) > 1 and kind.moving[-1]:
             keypoints = in_open_drawer(keypoints, xyz[rows[moving]], joint)
-        if self.refine and kind.joint_type == "revolute" and IN_CABINET in keypoints:
-            keypoints = in_cabinet(keypoints, xyz[rows[moving]], joint, to_base @ turn[:, 0])
+        keypoint_deviations = {
+            name: self.scales["keypoints"] * float(each)
+            for name, each in zip(kind.keypoints, deviations[3:], strict=False)
+        }
+        if (
+            self.refine
+            and kind.joint_type == "revolute"
+            and IN_CABINET in keypoints
+            and abs(joint.axis[2]) > 1.0 - LEVEL
+        ):
+            door, handle = xyz[rows[moving]], kind.keypoints[0]
+            keypoints[IN_CABINET] = in_cabinet(keypoints[IN_CABINET], door, joint.origin, to_base @ turn[:, 0])
+            keypoints[handle], keypoint_deviations[handle] = on_door(
+                keypoints[handle], keypoint_deviations[handle], door, joint.origin, np.sign(joint.axis[2])
+            )
         T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
         T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
         T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
@@ -365,10 +375,7 @@ class SceneEstimator:
             T_base_object=T,
             joint=joint,
             keypoints=keypoints,
-            keypoint_deviations={
-                name: self.scales["keypoints"] * float(each)
-                for name, each in zip(kind.keypoints, deviations[3:], strict=False)
-            },
+            keypoint_deviations=keypoint_deviations,
             size=found["size"],
             object_axis=kind.object_axis,
             moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),
@@ -438,33 +445,6 @@ def in_open_drawer(keypoints: Mapping[str, Array], moving: Points, joint: JointE
                 found[name] = found[name] + np.array([0.0, 0.0, raised])
             found[name] = found[name] + (front - 0.5 * joint.upper - at @ joint.axis) * joint.axis
     return found
-
-
-def in_cabinet(keypoints: Mapping[str, Array], door: Points, joint: JointEstimate, inwards: Array) -> dict[str, Array]:
-    """Return the keypoints of a cabinet with a door. The keypoint inside the cabinet is corrected by the door. Return
-    the keypoints unchanged if the joint axis is not vertical.
-
-    The network places the keypoint in the middle of the cabinet, but the hand does not reach the middle of a deep
-    cabinet. The corrected keypoint is ``REACH`` behind the joint axis, which lies in the front of the cabinet.
-    Sideways, it is the mean of the estimated point and the middle of the door when the door is closed.
-
-    Args:
-        keypoints: estimated keypoints (3,) by name, in a frame with a vertical z axis, m.
-        door: (M, 3) points of the door in this frame, m.
-        joint: estimated joint in this frame.
-        inwards: (3,) horizontal unit vector from the front of the cabinet to its back, in this frame.
-    """
-    if abs(joint.axis[2]) < 1.0 - LEVEL:
-        return dict(keypoints)
-    at = keypoints[IN_CABINET]
-    across = np.array([-inwards[1], inwards[0], 0.0])
-    away = at - joint.origin
-    by = (REACH - away @ inwards) * inwards
-    if len(door) >= LEAST_POINTS:
-        width = float(np.quantile(np.linalg.norm((door - joint.origin)[:, :2], axis=1), FAR_EDGE))
-        beside = float(away @ across)
-        by = by + 0.5 * (np.copysign(0.5 * width, beside) - beside) * across
-    return {**keypoints, IN_CABINET: at + by}
 
 
 def squared_yaw(normals: Points, yaw: float) -> float:

@@ -30,6 +30,9 @@ BORDER, LEAST_BESIDE = 0.03, 4
 part within ``CELL``, itself included. The network labels single points of the moving part as fixed."""
 LEAST_HEIGHT = 0.03
 """Minimum height above the table (m) at which the hand pushes an object along the table."""
+LEAST_DEPTH = 0.07
+"""Minimum depth (m) below the highest point at which the hand pushes an object along the table, if half of the object
+is not lower. Fingers that push near a rounded top slip over it."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
 DEVIATIONS = 2.0
@@ -100,9 +103,10 @@ def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float |
     )
 
 
-def raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> ObjectEstimate:
-    """Return an estimate of which the moving keypoints are high enough for the fingers, if the joint slides
-    horizontally. The keypoints are not raised above the object's highest point.
+def at_push_height(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> ObjectEstimate:
+    """Return an estimate of which the moving keypoints are at a height at which the hand can push them, if the joint
+    slides horizontally. They are high enough above the table for the fingers, but not higher than the object. If the
+    object moves as a whole, they are also far enough below its highest point.
 
     Args:
         found: estimated object.
@@ -111,11 +115,14 @@ def raised(found: ObjectEstimate, cloud: Points, profile: RobotProfile) -> Objec
     """
     if found.joint.type != "prismatic" or abs(found.joint.axis[2]) > LEVEL:
         return found
-    height = float(profile.T_world_base[2, 3])
-    least = min(LEAST_HEIGHT - height, float(cloud[found.points, 2].max()))
+    table = -float(profile.T_world_base[2, 3])
+    top = float(cloud[found.points, 2].max())
+    least, most = min(table + LEAST_HEIGHT, top), np.inf
+    if found.moving.all():
+        most = max(top - min(LEAST_DEPTH, 0.5 * (top - table)), least)
     keypoints = dict(found.keypoints)
     for name in found.moving_keypoints:
-        keypoints[name] = np.append(keypoints[name][:2], max(keypoints[name][2], least))
+        keypoints[name] = np.append(keypoints[name][:2], np.clip(keypoints[name][2], least, most))
     return replace(found, keypoints=keypoints)
 
 

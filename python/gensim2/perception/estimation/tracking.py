@@ -65,6 +65,9 @@ AGREEING, AGREEING_SHARE = 0.25, 0.5
 measured displacement: a constant, or a fraction of the displacement if this is larger.
 """
 
+SURE = 0.05
+"""Standard deviation of the openness up to which an estimate needs no comparison of clouds, for example of a bail that
+is measured."""
 UNKNOWN = 0.3
 """Standard deviation of the openness above which a cloud does not show the openness, for example of an object that is
 pushed along the table."""
@@ -266,9 +269,13 @@ class Track:
         self, found: ObjectEstimate, cloud: Points, goal: int, *, is_expected: bool = True
     ) -> Displacement | None:
         """Return the displacement of the joint between the last cloud and a new cloud, as the function
-        :func:`displacement` does.
+        :func:`displacement` does. If both clouds show the openness well, the displacement is their difference.
         """
-        return displacement(self.latest or self.found, self.cloud, found, cloud, goal=goal, is_expected=is_expected)
+        before = self.latest or self.found
+        if max(before.joint.openness_deviation, found.joint.openness_deviation) <= SURE:
+            change = (found.joint.openness - before.joint.openness) * (before.joint.upper - before.joint.lower)
+            return Displacement(change, np.zeros((0, 3)))
+        return displacement(before, self.cloud, found, cloud, goal=goal, is_expected=is_expected)
 
     def after(
         self,
@@ -340,9 +347,10 @@ class Track:
         deviation = least if is_still else float(shares.sum() ** -0.5)
         if is_wrong:
             openness, deviation = new.openness, new.openness_deviation
-        end = 0.5 + 0.5 * goal
+        end, is_whole = 0.5 + 0.5 * goal, bool(network.moving.all())
+        if is_whole and not is_still and new.openness_deviation > UNKNOWN:
+            openness = predicted
         if goal:
-            is_whole = bool(network.moving.all())
             # Only the displacement shows an unknown openness after a motion that has moved the joint, and the openness
             # of an object that moves as a whole.
             is_shown = new.openness_deviation <= UNKNOWN or (is_still and not is_whole)
@@ -350,7 +358,8 @@ class Track:
             if is_wrong:
                 doubt = abs(new.openness - network.joint.openness)
                 shown = replace(shown, openness_deviation=max(new.openness_deviation, doubt))
-            if abs(shown.openness - end) <= self._most_from_end(shown, change, goal, is_pressed, is_whole):
+            is_led = abs(predicted - end) <= ABSOLUTE
+            if abs(shown.openness - end) <= self._most_from_end(shown, change, goal, is_pressed, is_whole, is_led):
                 return Track(found.at(end, ABSOLUTE), cloud, others, moved, change, latest=latest)
         if goal and new.openness_deviation > UNKNOWN and abs(openness - end) <= deviation <= NEAR_END:
             # A part that may have reached its end is there, because it seldom stops shortly before its end.
@@ -358,7 +367,13 @@ class Track:
         return Track(found.at(openness, deviation), cloud, others, moved, change, misses, latest, bool(is_pressed))
 
     def _most_from_end(
-        self, shown: JointEstimate, change: float, goal: int, is_pressed: bool | None, is_whole: bool
+        self,
+        shown: JointEstimate,
+        change: float,
+        goal: int,
+        is_pressed: bool | None,
+        is_whole: bool,
+        is_led: bool,
     ) -> float:
         """Return the maximum difference of the openness from the end of the joint range at which the joint counts as
         being at the end after a motion. The difference depends on the signs of the end that the motion has given; it is
@@ -370,6 +385,7 @@ class Track:
             goal: 1 if the motion should open the joint, -1 if it should close the joint.
             is_pressed: whether the object has blocked the arm in the motion; None: unknown.
             is_whole: whether the object moves as a whole, as a lifted bucket does.
+            is_led: whether the displacement leads to the end.
         """
         kind, deviation = shown.type, shown.openness_deviation
         has_moved, stands_still = goal * self.moved >= MOVED[kind], abs(change) < STALLED[kind]
@@ -380,7 +396,7 @@ class Track:
         if is_pressed and goal * change >= MOVED[kind]:
             # The joint has moved until it resisted. An object also resists on its way if the hand pushes in a wrong
             # direction.
-            return DOUBTFUL if is_whole else NEAR_END
+            return DOUBTFUL if is_whole else max(plausible, NEAR_END) if is_led else NEAR_END
         if has_ended:
             if is_whole and deviation > UNKNOWN and not self.misses:
                 # The hand may have slipped off an object that is pushed along the table.
