@@ -81,6 +81,30 @@ def test_a_held_arm_presses_with_the_limit_and_ends_its_motion() -> None:
     assert forces[-1] == pytest.approx(0.0, abs=0.1)  # The arm no longer presses.
 
 
+@pytest.mark.parametrize("is_stopped", [True, False])
+def test_the_hand_does_not_slip_over_a_toaster_that_blocks_it(
+    monkeypatch: pytest.MonkeyPatch, is_stopped: bool
+) -> None:
+    """The cloud does not show how far a toaster can be pushed, so the plan leads beyond the end of its range."""
+    if not is_stopped:
+        monkeypatch.setattr(chain, "PRESSED_SECONDS", 1e6)
+    world = HeadlessEnv("PushToasterForward", assets="builtin", engine="mujoco")
+    controller = PerceivingChain("PushToasterForward")
+    motions = []
+    begin = chain._Chain._begin
+
+    def noted(self: chain._Chain, observation: PrivilegedObservation) -> bool:
+        found = begin(self, observation)
+        motions.append(self._running)
+        return found
+
+    monkeypatch.setattr(chain._Chain, "_begin", noted)
+    assert run(world, controller, seed=1).episode.held or not is_stopped
+    first = motions[0]
+    assert first is not None
+    assert first.is_stopped == is_stopped
+
+
 @pytest.mark.parametrize("failures", [chain.MAX_FRESH_STARTS, chain.MAX_FRESH_STARTS + 1])
 def test_the_controller_looks_again_if_no_strategy_has_a_plan(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     """The errors of the next point cloud differ, so a plan may exist then."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from gensim2.perception.estimation import SceneEstimator
 from gensim2.perception.estimation.estimator import SceneEstimate
 from gensim2.perception.estimation.goal import GoalTracker
-from gensim2.perception.estimation.tracking import LEAST_RANGE, LEAST_SHIFT, UNKNOWN, Track, displacement
+from gensim2.perception.estimation.tracking import LEAST_RANGE, LEAST_SHIFT, SURE, UNKNOWN, Track, displacement
 from gensim2.tasks.library import load_task
 
 from .test_estimation import PANDA, look_at, truth
@@ -275,3 +275,31 @@ def test_keypoints_stay_if_a_cloud_shows_no_more_of_an_object(asset_class: str, 
     expected = true.keypoints if stays else worse
     for name, at in track.found.keypoints.items():
         np.testing.assert_allclose(at, expected[name], atol=1e-9)
+
+
+def test_a_bail_that_is_not_measured_any_more_lies_on_the_rim_if_its_middle_has_moved() -> None:
+    looks, none = [look_at("bucket_swing", openness) for openness in (0.3, 0.0)], np.zeros(0, dtype=np.int64)
+    raised, lowered = (replace(truth(look, "bucket_swing"), is_bail=True) for look in looks)
+    first = Track(raised.at(0.3, SURE), looks[0].cloud.xyz, none)
+    unsure = replace(lowered, keypoints=raised.keypoints).at(0.4, UNKNOWN + 0.01)
+    second = first.after(unsure, looks[1].cloud.xyz, none, -1)
+    assert second.found.joint.openness == 0.0
+    assert second.moved < 0.0
+    # Without a measurement, a bail that is still where it was has not moved.
+    still = raised.at(0.4, UNKNOWN + 0.01)
+    second = first.after(still, looks[0].cloud.xyz, none, -1)
+    assert second.found.joint.openness == pytest.approx(0.3, abs=0.02)
+    assert second.misses == 1
+
+
+def test_two_measured_bails_need_no_comparison_of_clouds() -> None:
+    looks, none = [look_at("bucket_swing", openness) for openness in (0.3, 0.7)], np.zeros(0, dtype=np.int64)
+    first, second = (replace(truth(look, "bucket_swing"), is_bail=True) for look in looks)
+    span = first.joint.upper - first.joint.lower
+    track = Track(first.at(0.3, SURE), looks[0].cloud.xyz, none)
+    # The cloud of the second look is the first one, so a comparison would show no displacement.
+    found = track.displacement(second.at(0.7, SURE), looks[0].cloud.xyz, 1)
+    assert found is not None
+    assert found.value == pytest.approx(0.4 * span)
+    found = track.displacement(first.at(0.7, SURE + 0.01), looks[0].cloud.xyz, 1)
+    assert found is None or found.value == 0.0

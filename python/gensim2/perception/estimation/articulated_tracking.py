@@ -222,6 +222,14 @@ class ArticulatedTracker:
         return track is not None and track.change is not None and abs(track.change) < STALLED[track.found.joint.type]
 
     @property
+    def slides_on_table(self) -> bool:
+        """Whether the object moves along the table as a whole."""
+        found = None if self.track is None else self.track.found
+        if found is None or found.joint.type != "prismatic" or abs(found.joint.axis[2]) > LEVEL:
+            return False
+        return bool(found.moving.all())
+
+    @property
     def has_floor(self) -> bool:
         """Whether the moving part slides horizontally and carries objects, as a drawer does: the joint moves the
         measured keypoint, which is the last of several keypoints.

@@ -43,6 +43,9 @@ SLACK = 0.03
 """Maximum excess (m) of the distance of an object from its goal if the controller leaves the object there."""
 BLOCKED_SECONDS = 0.25
 """Time (s) for which an obstacle must block the arm on its way to the object before the motion ends."""
+PRESSED_SECONDS = 0.25
+"""Time (s) for which an object that moves as a whole must block the arm before the motion ends. If the arm went on, the
+hand would slip over the object."""
 MAX_CHECKS = 2
 """Maximum number of times that the controller continues after it has observed the scene from the retreated posture."""
 MAX_FRESH_STARTS = 2
@@ -57,6 +60,8 @@ class _Chain(ChainController):
     is_pressed: bool
     """Whether the object has blocked the arm in the latest motion, although the arm pressed on it with the largest
     permitted force."""
+    slides_on_table: bool
+    """Whether the object of the current step moves along the table as a whole."""
 
     @property
     def waited(self) -> int:
@@ -83,7 +88,7 @@ class _Chain(ChainController):
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
         super().reset(observation, seed)
         self.is_finished = False
-        self.is_pressed = False
+        self.is_pressed = self.slides_on_table = False
         self.left: set[str] = set()
         self._grasped: set[str] = set()
         self._blocked = 0
@@ -155,6 +160,9 @@ class _Chain(ChainController):
         if is_blocked and is_free and self._blocked >= self._profile.steps(BLOCKED_SECONDS):
             run.is_stopped, self._blocked = True, 0
             self._notice(observation, Cause.FORCE_LIMIT)
+            return self._with_last_command(observation.q[list(self._profile.arm_columns)])
+        if is_blocked and self.slides_on_table and self._blocked >= self._profile.steps(PRESSED_SECONDS):
+            run.is_stopped, self._blocked = True, 0
             return self._with_last_command(observation.q[list(self._profile.arm_columns)])
         if is_behind and (is_free or not is_blocked):
             # The arm still moves towards the targets of this control step.
@@ -348,6 +356,7 @@ class PerceivingChain:
             if self._goal.is_reached(q, distrust=0.0):
                 return None
             self._chain.resume(self._last, from_start=self._goal.is_displaced(q))
+        self._chain.slides_on_table = self._goal.slides_on_table(self._step.object)
         action = self._chain.act(self._with_belief(observation))
         if self._step is not self._chain.step:
             self._begin_step(observation)

@@ -125,6 +125,7 @@ class ObjectEstimate:
         size: (3,) extent along the world's axes in the default placement, m.
         object_axis: axis of the object frame that "rotate" motions turn about.
         moving_keypoints: names of the keypoints on the moving link.
+        is_bail: whether the moving part is a bail, the arched handle of a bucket.
     """
 
     asset_class: str
@@ -140,6 +141,7 @@ class ObjectEstimate:
     size: Array
     object_axis: Literal["x", "y", "z"]
     moving_keypoints: tuple[str, ...] = ()
+    is_bail: bool = False
 
     def at(self, openness: float, deviation: float) -> ObjectEstimate:
         """Return the estimate with a new openness and a new standard deviation of the openness. The object frame
@@ -379,6 +381,7 @@ class SceneEstimator:
             size=found["size"],
             object_axis=kind.object_axis,
             moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),
+            is_bail=kind.is_bail,
         )
 
 

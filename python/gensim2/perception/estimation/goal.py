@@ -311,6 +311,10 @@ class GoalTracker:
                     bounds[name][0, 2] = max(bounds[name][0, 2], low[2] + ABOVE_BOTTOM)
         return bounds
 
+    def slides_on_table(self, name: str) -> bool:
+        """Return whether the object with the given name in the task moves along the table as a whole."""
+        return name in self.articulated and self.articulated[name].slides_on_table
+
     def scene(self, q: Array) -> Scene:
         """Return the latest estimate as a scene of the planner, with the objects in the order of the task.
 

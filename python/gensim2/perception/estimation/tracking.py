@@ -66,8 +66,7 @@ measured displacement: a constant, or a fraction of the displacement if this is 
 """
 
 SURE = 0.05
-"""Standard deviation of the openness up to which an estimate needs no comparison of clouds, for example of a bail that
-is measured."""
+"""Maximum standard deviation of the openness of a bail that is measured."""
 UNKNOWN = 0.3
 """Standard deviation of the openness above which a cloud does not show the openness, for example of an object that is
 pushed along the table."""
@@ -269,10 +268,10 @@ class Track:
         self, found: ObjectEstimate, cloud: Points, goal: int, *, is_expected: bool = True
     ) -> Displacement | None:
         """Return the displacement of the joint between the last cloud and a new cloud, as the function
-        :func:`displacement` does. If both clouds show the openness well, the displacement is their difference.
+        :func:`displacement` does. If a bail is measured in both clouds, the displacement follows from its openness.
         """
         before = self.latest or self.found
-        if max(before.joint.openness_deviation, found.joint.openness_deviation) <= SURE:
+        if before.is_bail and max(before.joint.openness_deviation, found.joint.openness_deviation) <= SURE:
             change = (found.joint.openness - before.joint.openness) * (before.joint.upper - before.joint.lower)
             return Displacement(change, np.zeros((0, 3)))
         return displacement(before, self.cloud, found, cloud, goal=goal, is_expected=is_expected)
@@ -435,6 +434,10 @@ class Track:
         def distance(value: float) -> float:
             return _apart(_moved(moving, joint, value), tree)
 
+        if before.is_bail and before.joint.openness_deviation <= SURE and found.joint.openness_deviation > UNKNOWN:
+            # A bail that cannot be measured any more lies on the rim, if its middle has moved.
+            middle = before.keypoints[before.moving_keypoints[0]]
+            return Displacement(end * span, moving[:0]) if tree.query(middle)[0] > FAR else None
         if min(distance(0.0), distance((found.joint.openness - joint.openness) * span)) < OUT_OF_VIEW:
             return None
         best = float(min(np.linspace(0.0, end * span, GRID)[1:], key=distance))
