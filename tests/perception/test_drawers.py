@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.door import IN_CABINET, in_cabinet, on_door
+from gensim2.perception.estimation.articulated_tracking import PUSH_ON
+from gensim2.perception.estimation.door import FORWARDS, IN_CABINET, in_box, in_cabinet, on_door
 from gensim2.perception.estimation.estimator import in_open_drawer
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.rigid import RigidEstimate, shape_of
@@ -18,7 +19,7 @@ from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import scene_object
 from gensim2.perception.estimation.tracking import Track, displacement
 from gensim2.robots import robot
-from gensim2.tasks.criteria import DistanceArticulatedRigid
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, DistanceArticulatedRigid
 
 from .test_estimation import look_at, truth
 from .test_rigid import cloud_of, floor, lifted_by, nothing_articulated, on_table
@@ -120,6 +121,39 @@ def test_a_handle_does_not_lie_beyond_the_edge_of_its_door() -> None:
     assert deviation == 0.02
 
 
+def test_the_keypoint_in_a_box_with_a_lid_is_shifted_away_from_the_hinge() -> None:
+    look = look_at("box_rotate", 0.9)
+    found = truth(look)
+    inwards = np.array([np.cos(look.placed.yaw), np.sin(look.placed.yaw), 0.0])
+    inside = found.keypoints[IN_CABINET]
+    again = in_box(inside, found.joint.origin, inwards)
+    depth = (found.joint.origin - inside) @ inwards
+    assert depth > 0.05
+    np.testing.assert_allclose(again - inside, -FORWARDS * depth * inwards, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("is_less_certain", "has_moved", "is_kept"), [(True, False, True), (False, False, False), (True, True, False)]
+)
+def test_a_keypoint_on_the_fixed_part_is_kept_if_it_was_more_certain(
+    is_less_certain: bool, has_moved: bool, is_kept: bool
+) -> None:
+    """The open lid hides a part of the box, and the new keypoints are wrong. Their old places are right unless the box
+    has moved.
+    """
+    looks = [look_at("box_rotate", openness) for openness in (0.5, 0.9)]
+    first, second = (truth(look) for look in looks)
+    first = replace(first, keypoint_deviations=dict.fromkeys(first.keypoints, 0.01))
+    off = {name: at + np.array([0.0, 0.0, 0.03]) for name, at in second.keypoints.items()}
+    doubt = 0.02 if is_less_certain else 0.005
+    new = replace(second, keypoints=off, keypoint_deviations=dict.fromkeys(off, doubt))
+    cloud = looks[1].cloud.xyz + has_moved * np.float32([0.03, 0.03, 0.0])
+    found = Track(first, looks[0].cloud.xyz, NONE).after(new, cloud, NONE, 1).found
+    expected = first.keypoints if is_kept else off
+    assert np.array_equal(found.keypoints[IN_CABINET], expected[IN_CABINET])
+    assert np.array_equal(found.keypoints[HEAD], off[HEAD])
+
+
 def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:
     """The closed drawer looks like the other drawers, so its keypoints are wrong, and the network is not sure."""
     looks = [look_at("drawer", openness) for openness in (0.8, 0.1, 0.1)]
@@ -137,6 +171,14 @@ def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:
     sure = replace(unsure, keypoint_deviations=dict.fromkeys(off, 0.002))
     new = Track(first, looks[0].cloud.xyz, NONE).after(sure, looks[1].cloud.xyz, NONE, -1)
     assert np.array_equal(new.found.keypoints[INSIDE], off[INSIDE])
+
+
+def test_the_hand_pushes_a_drawer_further_than_the_estimated_end_only_to_close_it() -> None:
+    drawer = tracked().articulated["drawer"]
+    lower = drawer.scene_object().joint.lower
+    assert drawer.scene_object((ArticulatedOpen(object="drawer"),)).joint.lower == lower
+    assert drawer.scene_object((ArticulatedClosed(object="other"),)).joint.lower == lower
+    assert drawer.scene_object((ArticulatedClosed(object="drawer"),)).joint.lower == pytest.approx(lower - PUSH_ON)
 
 
 def test_a_motion_that_should_not_move_the_drawer_moves_it_only_if_the_points_show_it() -> None:

@@ -231,6 +231,19 @@ def test_a_rigid_object_is_found_in_a_noisy_cloud() -> None:
     np.testing.assert_allclose(found.T_world_object[:3, 3], true, atol=0.01)
 
 
+@pytest.mark.parametrize("seed", [1703387623, 2059687159])
+def test_a_small_object_beside_a_large_one_is_found(seed: int) -> None:
+    """The refrigerator fills two thirds of the pixels, and its door hides a part of the cracker box. With the second
+    seed, points on a slanting face of the cracker box are more than 3 cm apart.
+    """
+    env = HeadlessEnv("PlaceCrackerBoxIntoRefrigerator", assets="builtin", engine="mujoco", instances="new")
+    env.reset(seed)
+    goal = GoalTracker(SceneEstimator.load(), {"refrigerator": "refrigerator", "crackers": "cracker_box"}, ())
+    goal.take_in(env.observe(ObservationSpec(cloud=DENSE)).cloud.xyz)
+    found, true = goal.rigid.found["crackers"], env.measure().poses["cracker_box"][:3]
+    np.testing.assert_allclose(found.T_world_object[:3, 3], true, atol=0.006)
+
+
 def test_criteria_of_rigid_objects_are_judged_by_estimates() -> None:
     env = HeadlessEnv("DropAppleIntoBox", assets="builtin", engine="mujoco")
     env.reset(3)

@@ -1,4 +1,4 @@
-"""Correct the estimated keypoints of a cabinet, such as a refrigerator, by the points on its door."""
+"""Correct the estimated keypoints of a box, and of a cabinet, such as a refrigerator, by the points on its door."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ Points = npt.NDArray[np.float32]
 
 IN_CABINET, REACH = "articulated_object_inside_base", 0.11
 """Name of the keypoint inside a cabinet with a door, and its mean distance (m) from the front of generated cabinets."""
+FORWARDS = 0.15
+"""Shift of the keypoint inside a box away from the hinge, as a fraction of its distance from the hinge. The keypoint of
+generated boxes is in the middle; the keypoint of boxes from PartNet-Mobility is one third of this distance further.
+"""
 FAR_EDGE = 0.95
 """Quantile of the distances of a door's points from its axis that counts as the door's width."""
 LEAST_POINTS, LEAST_ON_HANDLE = 24, 8
@@ -54,6 +58,17 @@ def in_cabinet(keypoint: Array, door: Points, origin: Array, inwards: Array) -> 
         beside = float(away @ across)
         by = by + 0.5 * (np.copysign(0.5 * width, beside) - beside) * across
     return np.asarray(keypoint + by)
+
+
+def in_box(keypoint: Array, origin: Array, inwards: Array) -> Array:
+    """Return the keypoint inside a box with a lid, shifted away from the hinge by ``FORWARDS`` of its distance.
+
+    Args:
+        keypoint: (3,) estimated keypoint in a frame with a vertical z axis, m.
+        origin: (3,) point on the horizontal joint axis, m.
+        inwards: (3,) horizontal unit vector from the front of the box to its hinge, in this frame.
+    """
+    return np.asarray(keypoint + FORWARDS * ((keypoint - origin) @ inwards) * inwards)
 
 
 def on_door(keypoint: Array, deviation: float, door: Points, origin: Array, turn: float) -> tuple[Array, float]:

@@ -27,7 +27,7 @@ from gensim2.core.weights import (
 from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
-from gensim2.perception.estimation.door import IN_CABINET, in_cabinet, on_door
+from gensim2.perception.estimation.door import IN_CABINET, in_box, in_cabinet, on_door
 from gensim2.perception.estimation.network import OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
@@ -353,14 +353,13 @@ class SceneEstimator:
             name: self.scales["keypoints"] * float(each)
             for name, each in zip(kind.keypoints, deviations[3:], strict=False)
         }
-        if (
-            self.refine
-            and kind.joint_type == "revolute"
-            and IN_CABINET in keypoints
-            and abs(joint.axis[2]) > 1.0 - LEVEL
-        ):
+        is_container = self.refine and kind.joint_type == "revolute" and IN_CABINET in keypoints
+        inwards = to_base @ turn[:, 0]
+        if is_container and abs(joint.axis[2]) <= 1.0 - LEVEL:
+            keypoints[IN_CABINET] = in_box(keypoints[IN_CABINET], joint.origin, inwards)
+        elif is_container:
             door, handle = xyz[rows[moving]], kind.keypoints[0]
-            keypoints[IN_CABINET] = in_cabinet(keypoints[IN_CABINET], door, joint.origin, to_base @ turn[:, 0])
+            keypoints[IN_CABINET] = in_cabinet(keypoints[IN_CABINET], door, joint.origin, inwards)
             keypoints[handle], keypoint_deviations[handle] = on_door(
                 keypoints[handle], keypoint_deviations[handle], door, joint.origin, np.sign(joint.axis[2])
             )

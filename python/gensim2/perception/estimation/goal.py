@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.core.arrays import Array
+from gensim2.perception.cloud import farthest_points
 from gensim2.perception.estimation.articulated_tracking import ArticulatedTracker
 from gensim2.perception.estimation.division import NOTHING, Labels, first_division, next_division
 from gensim2.perception.estimation.estimator import ObjectEstimate, Points, SceneEstimate, SceneEstimator
@@ -22,9 +23,13 @@ from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import Criterion, all_hold
 from gensim2.tasks.measurement import Measurement
 
-DENSE = replace(SETTINGS, points=8192, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
+DENSE = replace(SETTINGS, points=32768, candidates=0, low=(0.15, -0.8, 0.01), high=(1.15, 0.8, 1.0), outliers=None)
 """Settings of the point clouds. The clouds contain nearly all pixels, because a small object or a thin moving part may
 cover only a dozen pixels.
+"""
+MOST_POINTS = 8192
+"""Maximum number of points of an articulated object. More points of a large cabinet would fill more cells of the
+planner's scene, and the hand would not reach into the cabinet.
 """
 LEFT = 0.03
 """Minimum displacement (m) of a rigid object that has left its goal."""
@@ -161,7 +166,8 @@ class GoalTracker:
         others = [np.flatnonzero(labels == NOTHING)]
         is_first = not self.looks
         for number, each in enumerate(self.articulated.values()):
-            rows = np.flatnonzero(labels == number)
+            whole = np.flatnonzero(labels == number)
+            rows = whole[farthest_points(cloud[whole], MOST_POINTS)] if len(whole) > MOST_POINTS else whole
             part = cloud[rows]
             seen = each.estimate(part)
             objects += [replace(found, points=rows[found.points]) for found in seen.objects]
@@ -173,7 +179,7 @@ class GoalTracker:
             if self.mismatch is None:
                 each.take_in(part, seen, self.rigid, is_pressed=pressed.get(each.name))
             if each.is_shown(seen):
-                self._bodies[number] = part
+                self._bodies[number] = cloud[whole]
         self._others = _without_strays(cloud[labels == NOTHING])
         self.looks.append(SceneEstimate(tuple(objects), np.sort(np.concatenate(others))))
 
@@ -315,11 +321,12 @@ class GoalTracker:
         """Return whether the object with the given name in the task moves along the table as a whole."""
         return name in self.articulated and self.articulated[name].slides_on_table
 
-    def scene(self, q: Array) -> Scene:
+    def scene(self, q: Array, done: Sequence[Criterion] = ()) -> Scene:
         """Return the latest estimate as a scene of the planner, with the objects in the order of the task.
 
         Args:
             q: (n,) joint values of the robot.
+            done: success criteria of the step that is planned.
         """
         assert self.is_seen, "the first cloud does not show the objects"
         profile = self.estimator.profile
@@ -332,7 +339,7 @@ class GoalTracker:
                 continue
             each = self.articulated[name]
             assert each.track is not None
-            objects[name] = each.scene_object()
+            objects[name] = each.scene_object(done)
             obstacles.append(each.track.cloud[each.track.others])
         return planning_scene(objects, np.concatenate(obstacles), q, profile)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from gensim2.perception.estimation.rigid import (
 )
 
 Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 ON_OBJECT = 0.012
 """Maximum distance (m) of an object's points from its estimated surface."""
@@ -38,6 +39,8 @@ count.
 """
 LIFTED = 0.03
 """Minimum displacement (m) of the hand since the grasp, before a cloud shows whether the hand holds the object."""
+STRAY = 0.04
+"""Maximum distance (m) of a point that belongs to no cluster from the cluster of an object that it may show."""
 UNUSUAL = 3.0
 """Additional cost of a cluster for each of these properties: the network considers it a part of the articulated object,
 it is connected to other points, or it does not reach down to the table.
@@ -45,9 +48,11 @@ it is connected to other points, or it does not reach down to the table.
 DROPPED_ERROR = 0.006
 """Maximum mean distance (m) of points from the surface of an object that was released into a container."""
 FARTHEST_DROP = 0.08
-"""Maximum horizontal distance (m) of a released object from the place of the release. A longer object, which may have
+"""Maximum horizontal distance (m) of a released object from the place of the release. A long object, which may have
 tipped over, may be as far away as its diagonal is long.
 """
+LONG = 1.25
+"""Minimum ratio of the largest dimension of a long object to the second largest."""
 FARTHEST_ROLL = 0.06
 """Maximum horizontal distance (m) of an object in a moving part from the pose to which the part has carried it."""
 MOST_RISE = 0.04
@@ -60,8 +65,12 @@ LEAST_SHOWN = 0.4
 """Minimum of the two largest dimensions of a cluster, as a fraction of the dimensions of a released object."""
 MAX_ITERATIONS = 20
 """Maximum number of iterations of the fit of a released object."""
+UNDERSIDE = 0.2
+"""Quantile of the heights of an object's surface up to which the surface counts as its underside."""
+EQUAL = 1.2
+"""Maximum ratio of the errors of two fits that fit equally well."""
 TILTED = 0.8
-"""Maximum ratio of the errors of two fits, with and without a rotation, if the object has tilted."""
+"""Maximum ratio of the errors of two fits, with and without a rotation, if the object has tilted or tumbled."""
 
 
 class RigidTracker:
@@ -246,6 +255,7 @@ class RigidTracker:
             return
         free = np.flatnonzero(own < 0)
         found = [free[rows] for rows in clusters(points[free])]
+        grown = _with_strays(points, free, found)
         # Index of the cluster to which a part belongs, by index of the part.
         wholes: dict[int, int] = {}
         # An object that touches the articulated object belongs to its cluster, but the network may tell them apart.
@@ -255,6 +265,8 @@ class RigidTracker:
                 for part in clusters(points[free]):
                     wholes[len(found)] = whole
                     found.append(free[part])
+        first_grown = len(found)
+        found += grown
         penalties = [
             UNUSUAL * (number in wholes)
             + UNUSUAL * float(on_articulated[rows].mean() > 0.5)
@@ -269,7 +281,11 @@ class RigidTracker:
         ]
         found, penalties = [found[number] for number in kept], [penalties[number] for number in kept]
         overlapping = [
-            (kept.index(wholes[number]), place) for place, number in enumerate(kept) if wholes.get(number) in kept
+            (other, place)
+            for place, number in enumerate(kept)
+            if number in wholes or number >= first_grown
+            for other in range(place)
+            if np.isin(found[place], found[other], assume_unique=True).any()
         ]
         shapes = {name: self.shapes[name] for name in names}
         matches = assigned(shapes, [points[rows] for rows in found], penalties, overlapping)
@@ -278,7 +294,8 @@ class RigidTracker:
             fit = fitted(self.shapes[name], cluster, number)
             if name in self.found:
                 # A symmetric object fits in several orientations. Its known orientation is preferred.
-                known = _displaced(self.found[name], cluster)
+                moved = _fallen if name in self._released else _displaced
+                known = moved(self.found[name], cluster)
                 fit = known if known.error <= max(UNMOVED * fit.error, DROPPED_ERROR) else fit
             if name == self.held:
                 if fit.error > DROPPED_ERROR:
@@ -311,15 +328,14 @@ class RigidTracker:
         height = self._released.get(name, float(before.T_world_object[2, 3]))
         fits = []
         new = points[changed]
-        if name in self._released:
+        second, longest = np.sort(before.size)[1:]
+        if name in self._released and longest > LONG * second:
             farthest = max(farthest, float(np.linalg.norm(before.size)))
         for rows in clusters(new):
             part = new[rows]
             if not _may_show(before, part):
                 continue
-            fit = _displaced(before, part)
-            if fit.error > DROPPED_ERROR and name in self._released:
-                fit = _tumbled(before, part)
+            fit = _fallen(before, part) if name in self._released else _displaced(before, part)
             drop = fit.T_world_object[:2, 3] - before.T_world_object[:2, 3]
             away = float(np.linalg.norm(drop))
             rise = float(fit.T_world_object[2, 3]) - height
@@ -340,6 +356,27 @@ class RigidTracker:
         below = below[below <= low[2]]
         support = float(below.max()) if len(below) else 0.0
         self.found[name] = before.moved(np.array([0.0, 0.0, min(0.0, support - float(low[2]))]))
+
+
+def _with_strays(points: Array, free: Indices, found: Sequence[Indices]) -> list[Indices]:
+    """Return the clusters that have strays nearby, together with these strays: points that belong to no cluster. The
+    points of a slanting face that is far from the camera are farther apart than the points of a cluster.
+
+    Args:
+        points: (N, 3) points in the world frame, m.
+        free: rows of the points that may belong to an object.
+        found: rows of each cluster.
+    """
+    strays = np.setdiff1d(free, np.concatenate([free[:0], *found]), assume_unique=True)
+    if not len(strays):
+        return []
+    tree, grown = cKDTree(points[strays]), []
+    for rows in found:
+        near = tree.query_ball_point(points[rows], STRAY)
+        more = np.unique(np.concatenate([np.asarray(each, dtype=np.int64) for each in near]))
+        if len(more):
+            grown.append(np.concatenate([rows, strays[more]]))
+    return grown
 
 
 def _is_unmoved(found: RigidEstimate, points: Array, within: float = ABOUT) -> bool:
@@ -373,9 +410,23 @@ def _may_show(found: RigidEstimate, points: Array) -> bool:
     return False
 
 
+def _fallen(found: RigidEstimate, points: Array) -> RigidEstimate:
+    """Return the estimate of a released object after the motion that fits it best to points (N, 3) in the world frame,
+    m: a displacement, or a large rotation if this fits much better.
+    """
+    moved = _displaced(found, points)
+    if moved.error <= UNMOVED_ERROR:
+        return moved
+    tumbled = _tumbled(found, points)
+    return tumbled if tumbled.error < TILTED * moved.error else moved
+
+
 def _tumbled(found: RigidEstimate, points: Array) -> RigidEstimate:
     """Return an estimate in the orientation that fits it best to points (N, 3) in the world frame, m. The principal
     axes of the surface are turned to the principal axes of the points, in each of the four possible ways.
+
+    The points of a symmetric object, such as a box, fit several orientations equally well. The object tips over an edge
+    of its underside, so among these orientations, the result is the one whose underside has moved least.
     """
     samples = found.samples
     of_points = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
@@ -388,7 +439,13 @@ def _tumbled(found: RigidEstimate, points: Array) -> RigidEstimate:
         T[:3, :3] = turn
         T[:3, 3] = points.mean(axis=0) - turn @ samples.mean(axis=0)
         fits.append(_registered(found.at(T @ found.T_world_object), points, turns=True))
-    return min(fits, key=lambda each: each.error)
+    least = min(each.error for each in fits)
+    underside = samples[:, 2] <= np.quantile(samples[:, 2], UNDERSIDE)
+
+    def slid(each: RigidEstimate) -> float:
+        return float(np.linalg.norm((each.samples - samples)[underside, :2], axis=1).mean())
+
+    return min((each for each in fits if each.error <= EQUAL * least), key=slid)
 
 
 def _displaced(found: RigidEstimate, points: Array) -> RigidEstimate:

@@ -330,7 +330,7 @@ class Track:
             kept = replace(found, keypoints=self.found.keypoints, keypoint_deviations=self.found.keypoint_deviations)
             latest, found = found, kept
         else:
-            latest, found = found, self._with_keypoints(found, change)
+            latest, found = found, self._with_keypoints(found, cloud, change)
         moved = self.moved + change
         misses = self.misses + 1 if goal and is_still else 0
         old, new = self.found.joint, found.joint
@@ -475,20 +475,43 @@ class Track:
         moving = cKDTree(measured.moved).query(cloud[found.points])[0] < CHANGED
         return replace(before, points=found.points, moving=moving, keypoints=keypoints).at(openness, deviation)
 
-    def _with_keypoints(self, found: ObjectEstimate, change: float) -> ObjectEstimate:
+    def _with_fixed_keypoints(self, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
+        """Return a new estimate in which the old keypoints on the fixed part replace keypoints that are less certain,
+        unless the fixed part has moved. An open lid or door hides a part of the object.
+        """
+        fixed = cloud[found.points[~found.moving]]
+        if len(fixed) < LEAST_MOVING:
+            return found
+        apart = cKDTree(self.cloud).query(fixed[uniform_stride(len(fixed), MOST_COMPARED)])[0]
+        if np.median(apart) >= SAME:
+            return found
+        before = self.found
+        old = {
+            name: at
+            for name, at in before.keypoints.items()
+            if name not in found.moving_keypoints and before.keypoint_deviations[name] < found.keypoint_deviations[name]
+        }
+        doubts = {name: before.keypoint_deviations[name] for name in old}
+        return replace(
+            found, keypoints={**found.keypoints, **old}, keypoint_deviations={**found.keypoint_deviations, **doubts}
+        )
+
+    def _with_keypoints(self, found: ObjectEstimate, cloud: Points, change: float) -> ObjectEstimate:
         """Return a new estimate in which the old keypoints, after a displacement (m) of the joint, replace keypoints
         that are less certain. For example, the keypoints of a closed drawer are uncertain if several drawers look
         alike.
 
-        If the joint is revolute, if no motion has moved it yet, or if the openness in the new estimate does not agree
-        with the displacement, the estimate is returned unchanged. The old keypoints of a revolute joint are not used,
-        because the error of the axis position displaces them.
+        If no motion has moved the joint yet, or if the openness in the new estimate does not agree with the
+        displacement, the estimate is returned unchanged. Of an object with a revolute joint, only the old keypoints on
+        the fixed part are used, because the error of the axis position displaces the others.
         """
+        if self.found.joint.type == "revolute":
+            return self._with_fixed_keypoints(found, cloud)
         before, joint, latest = self.found, self.found.joint, self.latest or self.found
         has_moved = abs(change) >= MOVED[joint.type] or before.keypoints is not latest.keypoints
         by = change / (joint.upper - joint.lower)
         difference = abs(found.joint.openness - latest.joint.openness - by)
-        if joint.type == "revolute" or not has_moved or difference > max(AGREEING, AGREEING_SHARE * abs(by)):
+        if not has_moved or difference > max(AGREEING, AGREEING_SHARE * abs(by)):
             return found
         T = joint_motion(joint.type, joint.axis, change, joint.origin)
         keypoints, deviations = dict(found.keypoints), dict(found.keypoint_deviations)
