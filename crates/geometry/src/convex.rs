@@ -3,7 +3,9 @@
 //! Boxes, spheres, capsules, hulls, triangles and cloud points are all such hulls, so one distance query serves every
 //! pair.
 
+use std::collections::HashMap;
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -19,8 +21,11 @@ const CYLINDER_SIDES: usize = 32;
 /// Relative tolerance for the equal edges of a cube.
 const CUBE: f64 = 1e-6;
 
+/// Triangles of a surface, as indices of points.
+type Faces = Arc<[[u32; 3]]>;
+
 /// Convex hull of points, enlarged by a radius.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Convex {
     points: Vec<Point3<f64>>,
@@ -28,9 +33,20 @@ pub struct Convex {
     center: Point3<f64>,
     half: Vector3<f64>,
     bound: f64,
+    /// Triangles of the surface, as indices of points; empty for a flat set. They are computed on first use, unless the
+    /// hull was computed when the shape was created.
+    #[serde(skip)]
+    faces: OnceLock<Faces>,
 }
 
 checked_when_read!(Convex);
+
+impl PartialEq for Convex {
+    fn eq(&self, other: &Self) -> bool {
+        let of = |shape: &Self| (shape.radius, shape.center, shape.half, shape.bound);
+        self.points == other.points && of(self) == of(other)
+    }
+}
 
 impl Convex {
     /// Creates the hull of points (m), enlarged by `radius` (m, at least 0).
@@ -47,7 +63,8 @@ impl Convex {
         if !(radius.is_finite() && radius >= 0.0) {
             return Err(ShapeError::new("radius", format!("must be finite and not negative, not {radius}")));
         }
-        let hull = Self::measured(extreme_points(points), radius);
+        let (vertices, faces) = extreme_points(points);
+        let hull = Self::measured(vertices, radius, faces.map_or_else(OnceLock::new, OnceLock::from));
         if !hull.bound.is_finite() {
             return Err(ShapeError::new("points", "are too far apart for distance computations"));
         }
@@ -55,18 +72,18 @@ impl Convex {
     }
 
     /// Creates the hull from its vertices, with its bounding box and bounding sphere.
-    fn measured(points: Vec<Point3<f64>>, radius: f64) -> Self {
+    fn measured(points: Vec<Point3<f64>>, radius: f64, faces: OnceLock<Faces>) -> Self {
         let Aabb { min, max } = Aabb::around(&points, 0.0);
         let center = nalgebra::center(&min, &max);
         let bound = points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max) + radius;
-        Self { points, radius, center, half: (max - min) * 0.5, bound }
+        Self { points, radius, center, half: (max - min) * 0.5, bound, faces }
     }
 
     /// Validates a deserialized shape: it must equal a shape made by [`Convex::rounded_hull`].
     fn check(&self) -> Result<(), ShapeError> {
         let whole = !self.points.is_empty() && self.radius >= 0.0 && self.bound.is_finite();
         // A NaN differs from itself, and an infinite number makes the bounding sphere infinite.
-        if whole && *self == Self::measured(self.points.clone(), self.radius) {
+        if whole && *self == Self::measured(self.points.clone(), self.radius, OnceLock::new()) {
             return Ok(());
         }
         Err(ShapeError::new("shape", "is damaged: its box is not that of its points"))
@@ -98,7 +115,7 @@ impl Convex {
         // The order of vertices is that of `extreme_points`.
         let corner =
             |i: usize| Point3::from_slice(&[0, 1, 2].map(|k| if i >> (2 - k) & 1 == 0 { low[k] } else { high[k] }));
-        Self::measured((0..8).map(corner).collect(), 0.0)
+        Self::measured((0..8).map(corner).collect(), 0.0, OnceLock::new())
     }
 
     /// Returns half the edge length (m) of a cube whose edges are parallel to the axes; `None` for any other shape.
@@ -176,6 +193,12 @@ impl Convex {
         &self.points
     }
 
+    /// Triangles of the hull's surface, without the radius and in no particular orientation; none for a flat set.
+    pub(crate) fn faces(&self) -> impl Iterator<Item = [Point3<f64>; 3]> {
+        let faces = self.faces.get_or_init(|| faces_of(&self.points).into());
+        faces.iter().map(|face| face.map(|k| self.points[k as usize]))
+    }
+
     /// Radius (m) by which the hull is enlarged.
     #[must_use]
     pub fn radius(&self) -> f64 {
@@ -211,7 +234,7 @@ impl Convex {
     /// Returns the shape at a pose.
     #[must_use]
     pub fn moved(&self, pose: &Pose) -> Self {
-        Self::measured(self.points.iter().map(|p| pose * p).collect(), self.radius)
+        Self::measured(self.points.iter().map(|p| pose * p).collect(), self.radius, self.faces.clone())
     }
 }
 
@@ -222,18 +245,37 @@ fn positive(field: &str, values: &[f64]) -> Result<(), ShapeError> {
     }
 }
 
-/// Drops points inside the hull. Coplanar points are all kept, since a support function needs no volume.
-fn extreme_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+/// Drops points inside the hull, and returns the triangles of its surface if they were computed. Coplanar points are all
+/// kept, since a support function needs no volume.
+fn extreme_points(points: &[Point3<f64>]) -> (Vec<Point3<f64>>, Option<Faces>) {
     let mut unique: Vec<Point3<f64>> = points.to_vec();
     unique.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
     unique.dedup();
     if unique.len() <= 8 {
-        return unique;
+        return (unique, None);
     }
     match parry3d_f64::transformation::try_convex_hull(&unique) {
-        Ok((vertices, _)) if vertices.len() >= 4 => vertices,
-        _ => unique,
+        Ok((vertices, faces)) if vertices.len() >= 4 => (vertices, Some(faces.into())),
+        _ => (unique, None),
     }
+}
+
+/// Returns the triangles of the hull of points.
+fn faces_of(points: &[Point3<f64>]) -> Vec<[u32; 3]> {
+    if points.len() < 4 {
+        return Vec::new();
+    }
+    let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(points) else { return Vec::new() };
+    let bits = |p: &Point3<f64>| <[f64; 3]>::from(*p).map(f64::to_bits);
+    let places: HashMap<[u64; 3], u32> = (0..).zip(points).map(|(k, p)| (bits(p), k)).collect();
+    let of = |face: [u32; 3]| -> Option<[u32; 3]> {
+        let mut out = [0; 3];
+        for (k, vertex) in out.iter_mut().zip(face) {
+            *k = *places.get(&bits(&vertices[vertex as usize]))?;
+        }
+        Some(out)
+    };
+    faces.into_iter().map(of).collect::<Option<_>>().unwrap_or_default()
 }
 
 #[cfg(test)]

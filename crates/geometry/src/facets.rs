@@ -21,12 +21,13 @@ impl Convex {
         if let ([a, b, c], true) = (self.points(), self.radius() <= 0.0) {
             return vec![[*a, *b, *c]];
         }
-        let points = if self.radius() > 0.0 { self.grown_corners() } else { self.points().to_vec() };
-        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return Vec::new() };
-        let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
-        let mut out = Vec::with_capacity(faces.len());
-        for [i, j, k] in faces {
-            let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
+        if self.radius() > 0.0 {
+            return Self::hull(&self.grown_corners()).map_or_else(|_| Vec::new(), |grown| grown.triangles());
+        }
+        let points = self.points();
+        let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+        let mut out = Vec::new();
+        for [a, b, c] in self.faces() {
             let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
             let height = normal.dot(&(a.coords - middle));
             if height.abs() < FLAT {

@@ -77,8 +77,8 @@ pub use pose::{
 };
 pub use robot::Robot;
 pub use screen::{
-    Batch, Chains, Cover, Frames, LANES, Measure, Motions, Needs, Other, Points, Posing, Riders, Screen, Suspect,
-    Travel,
+    Batch, BodyJoint, Chains, Cover, Frames, LANES, Measure, Motions, Needs, Other, Points, Posing, Riders, Screen,
+    Suspect, Travel,
 };
 pub use self_collisions::{ALWAYS, LinkPair, LinkRelation, SAMPLES};
 pub use voxels::{VoxelGrid, cubes};

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use gensim2_geometry::{
-    Batch, Chains, Convex, Corners, Cover, Draws, Joint, LANES, Link, Motions, Needs, Other, Pose, Riders, Robot,
-    Screen, Travel, VoxelGrid, signed_distance,
+    Batch, BodyJoint, Chains, Convex, Corners, Cover, Draws, Joint, JointKind, LANES, Link, Motions, Needs, Other,
+    Pose, Riders, Robot, Screen, Travel, VoxelGrid, screw_about, signed_distance,
 };
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -436,6 +436,77 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn motions_beside_moved_bodies_keep_the_distances_that_are_proven() {
+    const STEPS: usize = 16;
+    let robot = arm(&[[0.1, 0.1, 0.1], [-0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, -0.1, 0.1], [0.1, 0.1, -0.1]]);
+    let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+    let door = [Convex::cuboid([0.3, 0.02, 0.2], &pose([0.5, 0.2, 0.3], [0.1, 0.2, 0.3])).unwrap()];
+    let none = Pose::identity();
+    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), [(&door[..], &none)]);
+    let needs = Needs { bodies: vec![0.01; 4], pairs: Vec::new() };
+    let chains = Chains::new(&robot, &screen, &carriers());
+    let (origin, axis) = (Point3::new(0.8, 0.1, -0.2), Vector3::new(0.2, 0.3, 0.9).normalize());
+    let mut draws = Draws::of(7, 9);
+    let (mut proven, mut close) = (0, 0);
+    for round in 0..200 {
+        let kind = if round % 2 == 0 { JointKind::Revolute } else { JointKind::Prismatic };
+        let moved = |travel: f64| match kind {
+            JointKind::Revolute => screw_about(&origin.coords, &axis, travel),
+            JointKind::Prismatic => Pose::translation(travel * axis.x, travel * axis.y, travel * axis.z),
+        };
+        let mut motions = Motions::new(chains.clone()).beside(&robot, &BodyJoint { kind, origin, axis });
+        let arcs: Vec<Arc> = (0..LANES).map(|_| Arc::of(&mut draws)).collect();
+        let travels: Vec<[f64; 2]> = arcs.iter().map(|_| [draws.unit() - 0.5, 0.2 * (draws.unit() - 0.5)]).collect();
+        for (lane, (arc, [from, change])) in arcs.iter().zip(&travels).enumerate() {
+            let at = |share: f64| -> Vec<f64> { arc.at(share).into_iter().chain([from + share * change]).collect() };
+            let apart = change.abs() as f32;
+            let own = arc.travel().into_iter().chain([Travel { apart, gone: apart, off: 0.0 }]);
+            motions.set(&screen, lane, [&at(0.0), &at(1.0)], &own.collect::<Vec<_>>());
+            motions.set_base(lane, [&moved(*from).inverse(), &moved(from + change).inverse()]);
+        }
+        screen.place_between(&mut motions);
+        let mut gaps = [[0.0_f32; LANES]; 4];
+        let mut others = [None; 4];
+        screen.survey_between(&mut motions, &needs, |s| {
+            (gaps[s.group], others[s.group]) = (s.gap, Some(s.other));
+            true
+        });
+        for (lane, (arc, [from, change])) in arcs.iter().zip(&travels).enumerate() {
+            let beside = |share: f64| {
+                let mut poses = Vec::new();
+                robot.link_poses(&arc.at(share), &mut poses).unwrap();
+                let base = moved(from + share * change).inverse();
+                poses.iter().map(|pose| base * pose).collect::<Vec<Pose>>()
+            };
+            let ends = [beside(0.0), beside(1.0)];
+            for group in 1..4 {
+                // The distances are measured in the base frame, with the door where its joint has moved it.
+                let places = (0..=STEPS).map(|k| {
+                    let share = k as f64 / STEPS as f64;
+                    let mut poses = Vec::new();
+                    robot.link_poses(&arc.at(share), &mut poses).unwrap();
+                    let there = [door[0].moved(&moved(from + share * change))];
+                    least(robot.links()[group].shapes(), &poses[group], &there)
+                });
+                let wanted = places.fold(f64::INFINITY, f64::min);
+                close += usize::from(wanted < 0.01);
+                let gap = f64::from(gaps[group][lane]).min(0.0);
+                assert!(gap <= 0.0_f64.min(wanted.max(0.0) - 0.01) + 1e-6, "{group} {gap} {wanted}");
+                if let Some(other) = others[group] {
+                    let bend = motions.bend(group, other, lane);
+                    let ends = [ends[0].as_slice(), ends[1].as_slice()];
+                    if screen.keeps_between(group, other, ends, 0.01 + bend, &mut Vector3::zeros()) {
+                        assert!(wanted >= 0.01 - 1e-9, "{group} {wanted}");
+                        proven += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(proven > 300 && close > 80, "{proven} {close}");
 }
 
 #[test]

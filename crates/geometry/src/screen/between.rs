@@ -3,6 +3,9 @@
 //! of that line.
 
 use std::ops::Range;
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
 
 use crate::lanes::{F32x8, Wide, wide};
 
@@ -10,7 +13,7 @@ use super::posing::Frames;
 use super::solid::{Points, length};
 use super::survey::{all_at_least, apart};
 use super::{Batch, LANES, Needs, Other, Screen, Suspect};
-use crate::{JointKind, Robot};
+use crate::{JointKind, Pose, Robot};
 
 /// Upper bound on the rounding error of positions in single precision (m).
 const ROUNDING: f32 = 2e-5;
@@ -35,6 +38,32 @@ pub struct Chains {
     pairs: Vec<Vec<Link>>,
 }
 
+/// A joint that moves bodies (base frame).
+#[derive(Debug, Clone, Copy)]
+pub struct BodyJoint {
+    /// Kind of the joint.
+    pub kind: JointKind,
+    /// A point on the axis (m).
+    pub origin: Point3<f64>,
+    /// Unit vector along the axis.
+    pub axis: Vector3<f64>,
+}
+
+/// Frame of the bodies in which motions are considered.
+#[derive(Debug, Clone)]
+struct Beside {
+    /// The joint between the bodies and the base.
+    link: Link,
+    /// Frame of the axis.
+    axis: Frames,
+    /// Poses of the base relative to the bodies at both ends.
+    ends: [Frames; 2],
+}
+
+fn single(v: &Vector3<f64>) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
 impl Chains {
     /// Collects the joints. `carriers` are the joints that move each group, from the base to the group, each with the
     /// link that the joint moves.
@@ -42,8 +71,7 @@ impl Chains {
     pub fn new(robot: &Robot, screen: &Screen, carriers: &[Vec<(usize, usize)>]) -> Self {
         let of = |&(joint, link): &(usize, usize)| {
             let own = &robot.joints()[joint];
-            let axis = [own.axis().x as f32, own.axis().y as f32, own.axis().z as f32];
-            Link { joint, link, axis, slides: own.kind() == JointKind::Prismatic }
+            Link { joint, link, axis: single(own.axis()), slides: own.kind() == JointKind::Prismatic }
         };
         let without = |one: usize, two: usize| carriers[one].iter().filter(move |c| !carriers[two].contains(c));
         let pair = |&(a, b): &(usize, usize)| {
@@ -75,7 +103,8 @@ pub struct Motions {
     /// The first configurations. Their frames are replaced by the middles between first and last frames.
     pub(super) first: Batch,
     last: Batch,
-    chains: Chains,
+    chains: Arc<Chains>,
+    beside: Option<Beside>,
     travel: Vec<[F32x8; 3]>,
     between: Between,
 }
@@ -149,8 +178,27 @@ impl Swept for Between {
 impl Motions {
     /// Creates an empty set for robots with these chains.
     #[must_use]
-    pub fn new(chains: Chains) -> Self {
-        Self { chains, ..Self::default() }
+    pub fn new(chains: impl Into<Arc<Chains>>) -> Self {
+        Self { chains: chains.into(), ..Self::default() }
+    }
+
+    /// Considers all motions relative to the bodies that a joint moves, in place of the base. The joint's value and its
+    /// [`Travel`] then follow those of the robot's joints, and [`Motions::set_base`] must be called for every lane.
+    #[must_use]
+    pub fn beside(mut self, robot: &Robot, joint: &BodyJoint) -> Self {
+        let (number, frame) = (robot.joints().len(), robot.links().len());
+        let slides = joint.kind == JointKind::Prismatic;
+        let link = Link { joint: number, link: frame, axis: single(&joint.axis), slides };
+        let axis = Frames::of(&Pose::translation(joint.origin.x, joint.origin.y, joint.origin.z));
+        self.beside = Some(Beside { link, axis, ends: [Frames::of(&Pose::identity()); 2] });
+        self
+    }
+
+    /// Sets the poses of the base relative to the moved bodies at both ends of one motion.
+    pub fn set_base(&mut self, lane: usize, ends: [&Pose; 2]) {
+        if let Some(beside) = &mut self.beside {
+            beside.ends.iter_mut().zip(ends).for_each(|(frames, pose)| frames.set(lane, pose));
+        }
     }
 
     /// Sets one motion: full joint vectors at both ends, and bounds for each joint.
@@ -195,7 +243,15 @@ impl Screen {
 
     #[inline(always)]
     fn placed_between(&self, motions: &mut Motions) {
-        let Motions { first, last, chains, travel, between } = motions;
+        let Motions { first, last, chains, travel, between, beside } = motions;
+        if let Some(Beside { axis, ends, .. }) = beside {
+            for (frames, base) in [(&mut first.frames, &ends[0]), (&mut last.frames, &ends[1])] {
+                for frame in frames.iter_mut() {
+                    *frame = base.after(frame);
+                }
+                frames.push(*axis);
+            }
+        }
         std::mem::swap(&mut between.firsts, &mut first.frames);
         std::mem::swap(&mut between.lasts, &mut last.frames);
         first.frames.clear();
@@ -206,6 +262,8 @@ impl Screen {
             between.halves.push(half);
         }
         self.place_around(first);
+        // The regions that groups can reach are those relative to the base.
+        first.within_travel &= beside.is_none();
         // Between its ends, a prismatic joint may exceed their values.
         for (joint, most) in &self.travels {
             let off = travel[*joint][2];
@@ -221,7 +279,8 @@ impl Screen {
             if cluster.balls.is_empty() {
                 continue;
             }
-            let bend = self.bend(&chains.groups[group], group, &between.firsts, travel, &mut between.levers);
+            let chain = beside.iter().map(|beside| &beside.link).chain(&chains.groups[group]);
+            let bend = self.bend(chain, group, &between.firsts, travel, &mut between.levers);
             between.bends[group] = bend;
             let half = length(&between.halves[cluster.link].point(&cluster.around.center));
             between.around[group] = half + bend + F32x8::splat(ROUNDING);
@@ -230,9 +289,9 @@ impl Screen {
 
     /// Returns the maximum deviation of a group's points from straight lines, if the joints of a chain move the group.
     #[inline(always)]
-    fn bend(
+    fn bend<'a>(
         &self,
-        chain: &[Link],
+        chain: impl Iterator<Item = &'a Link> + Clone,
         group: usize,
         firsts: &[Frames],
         travel: &[[F32x8; 3]],
@@ -243,7 +302,7 @@ impl Screen {
         // A lever arm grows by at most the displacement of the group, which the lever arms themselves bound.
         let (mut turned, mut slid, mut longest) = (F32x8::ZERO, F32x8::ZERO, F32x8::ZERO);
         levers.clear();
-        for link in chain {
+        for link in chain.clone() {
             let [_, gone, off] = travel[link.joint];
             if link.slides {
                 slid = slid + gone + off;
@@ -268,7 +327,7 @@ impl Screen {
         // The second derivative of a point by joints i and k, with i closer to the base, is at most the lever arm of k.
         // A curve with second derivative m deviates from its chord by at most m / 8.
         let (mut bend, mut before) = (F32x8::ZERO, F32x8::ZERO);
-        for (link, lever) in chain.iter().zip(levers.iter()) {
+        for (link, lever) in chain.zip(levers.iter()) {
             let [own, _, off] = travel[link.joint];
             let lever = if link.slides { F32x8::ONE } else { *lever + grown };
             bend = bend + lever * (own * (own + before * 2.0) * 0.125 + off);
@@ -370,7 +429,7 @@ impl Screen {
         // Then relative to the first group, whose spheres do not move.
         let of = |frames: &[Frames]| frames[one.link].inverse_then(&frames[two.link]);
         let (middle, half) = of(&between.firsts).halfway(&of(&between.lasts));
-        let bend = self.bend(&chains.pairs[pair], b, &between.firsts, travel, &mut between.levers);
+        let bend = self.bend(chains.pairs[pair].iter(), b, &between.firsts, travel, &mut between.levers);
         between.pair_bends[pair] = bend;
         let bend = bend + F32x8::splat(ROUNDING);
         let splat = |p: &[f32; 3]| -> Points { [F32x8::splat(p[0]), F32x8::splat(p[1]), F32x8::splat(p[2])] };

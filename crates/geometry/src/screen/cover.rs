@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 
 use nalgebra::{Point3, Vector3};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::shape::Triangle;
 
 use crate::{Aabb, Convex};
 
@@ -17,6 +19,8 @@ pub(crate) struct Ball {
 
 /// Maximum number of spheres for one shape.
 pub(super) const MAX_BALLS: usize = 20;
+/// Number of vertices beyond which a hull is simplified.
+const DENSE: usize = 128;
 /// A shape is divided only if it may have at least this number of spheres.
 const WORTH: usize = 4;
 /// A sphere is not split if it extends beyond the shape by less than this (m).
@@ -137,6 +141,42 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
     cover_by(shape, MAX_BALLS)
 }
 
+/// Returns up to `most` spheres that together contain a shape. A hull with many vertices is represented by few of them,
+/// and the spheres are enlarged by the distance of the others.
+pub(crate) fn cover_quickly(shape: &Convex, most: usize) -> Vec<Ball> {
+    if shape.points().len() <= DENSE || most < WORTH {
+        return cover_by(shape, most);
+    }
+    let furthest = |u: &Vector3<f64>| {
+        let height = |p: &Point3<f64>| p.coords.dot(u);
+        shape.points().iter().copied().max_by(|a, b| height(a).total_cmp(&height(b)))
+    };
+    let kept: Vec<Point3<f64>> = directions(DENSE / 2).iter().filter_map(furthest).collect();
+    let Ok(inner) = Convex::rounded_hull(&kept, shape.radius()) else { return cover_by(shape, most) };
+    let middle = inner.points().iter().map(|p| p.coords).sum::<Vector3<f64>>() / inner.points().len() as f64;
+    let mut faces: Vec<(Vector3<f64>, Triangle)> = Vec::new();
+    for [a, b, c] in inner.faces() {
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
+        let outwards = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
+        faces.push((outwards, Triangle::new(a, b, c)));
+    }
+    // The distance to any triangle of the inner hull bounds the distance to this hull.
+    let off = |p: &Point3<f64>| {
+        let above = faces.iter().map(|(normal, face)| (normal.dot(&(p - face.a)), face));
+        let highest = above.max_by(|a, b| a.0.total_cmp(&b.0));
+        highest.map_or(
+            f64::INFINITY,
+            |(height, face)| if height > 0.0 { face.distance_to_local_point(p, true) } else { 0.0 },
+        )
+    };
+    let missed = shape.points().iter().map(off).fold(0.0, f64::max);
+    if !missed.is_finite() {
+        return cover_by(shape, most);
+    }
+    let balls = cover_by(&inner, most).into_iter();
+    balls.map(|ball| Ball { radius: ball.radius + missed, ..ball }).collect()
+}
+
 /// Returns up to `most` spheres that together contain a shape; a capsule may have more.
 pub(crate) fn cover_by(shape: &Convex, most: usize) -> Vec<Ball> {
     let points = shape.points();
@@ -150,22 +190,23 @@ pub(crate) fn cover_by(shape: &Convex, most: usize) -> Vec<Ball> {
     if points.len() < 4 || most < WORTH {
         return whole();
     }
-    let Ok((vertices, triangles)) = parry3d_f64::transformation::try_convex_hull(points) else { return whole() };
-    let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
-    let mut faces: Vec<(Vector3<f64>, f64)> = Vec::with_capacity(triangles.len());
-    let mut surface = Vec::with_capacity(triangles.len());
-    for [i, j, k] in triangles {
-        let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
+    let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let mut faces: Vec<(Vector3<f64>, f64)> = Vec::new();
+    let mut surface = Vec::new();
+    for [a, b, c] in shape.faces() {
         surface.push(vec![a, b, c]);
         let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
         let normal = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
-        let offset = vertices.iter().map(|p| normal.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
+        let offset = points.iter().map(|p| normal.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
         if !faces.iter().any(|(n, d)| n.dot(&normal) > 1.0 - 1e-9 && (d - offset).abs() < 1e-9) {
             faces.push((normal, offset));
         }
     }
+    if surface.is_empty() {
+        return whole();
+    }
     let hull = Hull { faces, looks: directions(LOOKS) };
-    let Some(first) = hull.cell(Aabb::around(&vertices, 0.0), surface) else { return whole() };
+    let Some(first) = hull.cell(Aabb::around(points, 0.0), surface) else { return whole() };
     let mut cells = vec![first];
     while cells.len() < most {
         let Some(worst) = (0..cells.len()).max_by(|a, b| cells[*a].slop.total_cmp(&cells[*b].slop)) else { break };
@@ -223,4 +264,29 @@ pub(crate) fn directions(count: usize) -> Vec<Vector3<f64>> {
             Vector3::new(r * cos, r * sin, z)
         })
         .collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_spheres_contain_a_hull_with_many_vertices() {
+        let long = |u: &Vector3<f64>| Point3::new(0.2 * u.x, 0.05 * u.y, 0.03 + 0.1 * u.z);
+        let points: Vec<Point3<f64>> = directions(1500).iter().map(long).collect();
+        let shape = Convex::rounded_hull(&points, 0.01).unwrap();
+        let balls = cover_quickly(&shape, 12);
+        assert!((4..=12).contains(&balls.len()), "{}", balls.len());
+        let within = |p: &Point3<f64>| balls.iter().any(|b| (p - b.center).norm() <= b.radius - 0.01 + 1e-9);
+        for [a, b, c] in shape.faces() {
+            assert!([a, b, c].iter().all(within));
+            assert!(within(&Point3::from((a.coords + b.coords + c.coords) / 3.0)));
+        }
+        let largest = balls.iter().map(|b| b.radius).fold(0.0, f64::max);
+        assert!(largest < 0.12, "{largest}");
+        // The inner spheres lie inside the shape.
+        let exact = cover_by(&shape, 1)[0].radius;
+        assert!(balls.iter().all(|b| b.inner <= 0.06 + 1e-3 && b.radius < exact));
+    }
 }

@@ -18,8 +18,8 @@ use crate::lanes::F32x8;
 use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Bvh, Contact, Convex, JointKind, Pose, Robot};
-pub use between::{Chains, Motions, Travel};
-use cover::{Ball, MAX_BALLS, cover_by};
+pub use between::{BodyJoint, Chains, Motions, Travel};
+use cover::{Ball, MAX_BALLS, cover_quickly};
 pub use exact::Measure;
 use exact::Piece;
 pub use links::Cover;
@@ -221,7 +221,7 @@ impl Screen {
                 }
                 Some((shapes, pose)) => {
                     let most = (HELD_BALLS / shapes.len().max(1)).clamp(1, MAX_BALLS);
-                    let own: Vec<Ball> = shapes.iter().flat_map(|s| cover_by(&s.moved(pose), most)).collect();
+                    let own: Vec<Ball> = shapes.iter().flat_map(|s| cover_quickly(&s.moved(pose), most)).collect();
                     balls.extend(own.iter().map(|b| Sphere::of(b, slack)));
                     around(&own)
                 }

@@ -17,7 +17,7 @@ pub struct Frames {
 
 impl Frames {
     #[inline(always)]
-    fn of(pose: &Pose) -> Self {
+    pub(super) fn of(pose: &Pose) -> Self {
         let m = pose.rotation.matrix();
         let splat = |v: f64| F32x8::splat(v as f32);
         Self {
@@ -61,6 +61,31 @@ impl Frames {
             middle.t[i] = self.t[i] + half.t[i];
         }
         (middle, half)
+    }
+
+    /// Sets the transform in one lane.
+    pub(super) fn set(&mut self, lane: usize, pose: &Pose) {
+        let m = pose.rotation.matrix();
+        for i in 0..3 {
+            for j in 0..3 {
+                self.r[i][j].set(lane, m[(i, j)] as f32);
+            }
+            self.t[i].set(lane, pose.translation.vector[i] as f32);
+        }
+    }
+
+    /// Returns the transform that applies another transform and then this one.
+    #[inline(always)]
+    pub(super) fn after(&self, other: &Self) -> Self {
+        let mut out = *self;
+        for i in 0..3 {
+            let row = self.r[i];
+            for j in 0..3 {
+                out.r[i][j] = row[0] * other.r[0][j] + row[1] * other.r[1][j] + row[2] * other.r[2][j];
+            }
+            out.t[i] = row[0] * other.t[0] + row[1] * other.t[1] + row[2] * other.t[2] + self.t[i];
+        }
+        out
     }
 
     /// Returns another transform relative to this one.

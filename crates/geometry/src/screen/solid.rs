@@ -167,7 +167,7 @@ impl Obstacle {
 
     /// Returns the faces of a hull; `None` for another shape.
     pub fn hull(&self) -> Option<&Solid> {
-        self.hull.as_ref().map(|(shape, faces)| faces.get_or_init(|| hull(shape.points(), enlarged(shape))))
+        self.hull.as_ref().map(|(shape, faces)| faces.get_or_init(|| hull(shape)))
     }
 }
 
@@ -288,25 +288,23 @@ fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
     None
 }
 
-/// Returns a hull with the largest faces of the hull of `points`. Any subset of the faces encloses the shape.
-fn hull(points: &[Point3<f64>], radius: f32) -> Solid {
+/// Returns a hull with the largest faces of a shape. Any subset of the faces encloses the shape.
+fn hull(shape: &Convex) -> Solid {
+    let (points, radius) = (shape.points(), enlarged(shape));
     let offset = |n: &Vector3<f64>| points.iter().map(|p| n.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
     let mut found: Vec<(f64, Vector3<f64>)> = Vec::new();
     let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
-    if points.len() >= 4
-        && let Ok((vertices, triangles)) = parry3d_f64::transformation::try_convex_hull(points)
-    {
-        for [i, j, k] in triangles {
-            let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
-            let cross = (b - a).cross(&(c - a));
-            let Some(normal) = cross.try_normalize(1e-16) else { continue };
-            let normal = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
-            match found.iter_mut().find(|(_, n)| n.dot(&normal) > SAME_FACE) {
-                Some((area, _)) => *area += cross.norm(),
-                None => found.push((cross.norm(), normal)),
-            }
+    for [a, b, c] in shape.faces() {
+        let cross = (b - a).cross(&(c - a));
+        let Some(normal) = cross.try_normalize(1e-16) else { continue };
+        let normal = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
+        match found.iter_mut().find(|(_, n)| n.dot(&normal) > SAME_FACE) {
+            Some((area, _)) => *area += cross.norm(),
+            None => found.push((cross.norm(), normal)),
         }
-    } else if let [a, b, c, ..] = points
+    }
+    if found.is_empty()
+        && let [a, b, c, ..] = points
         && let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16)
     {
         found.extend([(1.0, normal), (1.0, -normal)]);

@@ -5,13 +5,14 @@ use super::failure::Failure;
 use super::planner::Planner;
 use super::timed::{Stretch, TakeUp, Timed};
 use crate::model::Row;
-use crate::world::{Hit, Margins, State, TOUCH, Way};
-use crate::{Cancel, Trajectory};
+use crate::transit::{Breach, Carriage, Sweep};
+use crate::world::{Compiled, Hit, Margins, State, TOUCH};
+use crate::{Cancel, ObjectJoint, Trajectory};
 
 /// Maximum deviation (rad or m) of a joint from the straight segment between two neighbouring samples.
 pub(super) const OFF: f64 = 2e-5;
-/// Larger deviation (rad or m) for a first check, which suffices for parts of a motion far from obstacles.
-const ROUGH: f64 = 2e-4;
+/// Number of times per waypoint at which the travel of the object's joint is computed.
+const TIMES: usize = 4;
 /// Minimum and maximum time (s) between samples. Both are larger in a long motion: the minimum gives at most
 /// `MAX_SAMPLES` samples, the maximum at most `ENOUGH`.
 const SHORTEST: f64 = 2e-3;
@@ -42,8 +43,7 @@ impl Samples {
             let mut step = (8.0 * most / hardest).sqrt().clamp(shortest, longest);
             loop {
                 let next = if time + step >= end { end } else { time + step };
-                let mut off = trajectory.hardest([time, next]);
-                off[..joints].iter_mut().for_each(|o| *o *= (next - time).powi(2) / 8.0);
+                let [off, _] = trajectory.deviations([time, next]);
                 if step > shortest && off[..joints].iter().any(|o| *o > 2.0 * most) {
                     step = (0.5 * step).max(shortest);
                     continue;
@@ -58,35 +58,45 @@ impl Samples {
         }
         out
     }
+}
 
-    /// Returns the travel of the object's joint at each sample of a segment. The motion passes the segment's waypoints
-    /// one after another.
-    fn travel(&self, joints: usize, segment: &Stretch<'_>) -> Vec<f64> {
-        let (waypoints, travel) = (&segment.waypoints, &segment.travel);
-        if travel.len() < 2 || travel.len() != waypoints.len() {
-            return travel.first().copied().into_iter().collect();
-        }
-        let last = waypoints.len() - 2;
-        let mut k = 0;
-        let part = |k: usize, x: &Row| {
-            let (mut along, mut whole) = (0.0, 0.0);
-            for v in 0..joints {
-                let way = waypoints[k + 1][v] - waypoints[k][v];
-                along += way * (x[v] - waypoints[k][v]);
-                whole += way * way;
-            }
-            if whole > 0.0 { along / whole } else { 1.0 }
-        };
-        let place = |x: &Row| {
-            let mut share = part(k, x);
-            while share >= 1.0 && k < last {
-                k += 1;
-                share = part(k, x);
-            }
-            travel[k] + share.clamp(0.0, 1.0) * (travel[k + 1] - travel[k])
-        };
-        self.waypoints.iter().map(place).collect()
+/// Returns the movement of the object's joint between two times (s). The motion passes the waypoints of a segment one
+/// after another.
+fn carriage(
+    joint: ObjectJoint,
+    motion: &Trajectory,
+    joints: usize,
+    [begin, end]: [f64; 2],
+    segment: &Stretch<'_>,
+) -> Carriage {
+    let (waypoints, travel) = (&segment.waypoints, &segment.travel);
+    let is_still = travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits());
+    if is_still || travel.len() != waypoints.len() {
+        return Carriage { joint, times: vec![begin], travel: vec![travel.first().copied().unwrap_or(0.0)] };
     }
+    let last = waypoints.len() - 2;
+    let mut k = 0;
+    let part = |k: usize, x: &Row| {
+        let (mut along, mut whole) = (0.0, 0.0);
+        for v in 0..joints {
+            let way = waypoints[k + 1][v] - waypoints[k][v];
+            along += way * (x[v] - waypoints[k][v]);
+            whole += way * way;
+        }
+        if whole > 0.0 { along / whole } else { 1.0 }
+    };
+    let mut place = |x: &Row| {
+        let mut share = part(k, x);
+        while share >= 1.0 && k < last {
+            k += 1;
+            share = part(k, x);
+        }
+        travel[k] + share.clamp(0.0, 1.0) * (travel[k + 1] - travel[k])
+    };
+    let count = TIMES * waypoints.len();
+    let times: Vec<f64> = (0..=count).map(|k| begin + (end - begin) * k as f64 / count as f64).collect();
+    let travel = times.iter().map(|time| place(&motion.moving(*time))).collect();
+    Carriage { joint, times, travel }
 }
 
 impl Planner<'_> {
@@ -161,25 +171,40 @@ impl Planner<'_> {
 
     /// Returns the first segment of a timed motion in which two bodies come closer than permitted, and the pair.
     fn first_hit(&mut self, timed: &Timed, segments: &[Stretch<'_>]) -> Option<(usize, Hit)> {
-        let joints = self.model.n();
-        segments.iter().zip(&timed.spans).enumerate().find_map(|(k, (segment, span))| {
-            let mut rest = *span;
-            // If the object's joint moves on the segment, only closely spaced samples determine its travel.
-            if segment.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
-                let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH, &self.over);
-                let travel: Vec<f64> = segment.travel.first().copied().into_iter().collect();
-                let way = Way { waypoints: &rough.waypoints, travel: &travel, off: &rough.off };
-                let proven = self.world.prove_along(way, segment.segment, segment.kept);
-                if proven + 1 == rough.times.len() {
+        let parts = segments.iter().zip(&timed.spans).enumerate();
+        for (k, (segment, span)) in parts {
+            match self.breach(&timed.trajectory, segment, *span) {
+                Ok(()) => {}
+                Err(Breach::Near(hit)) => return Some((k, hit)),
+                Err(Breach::Over) => {
+                    self.world.unfinished = true;
                     return None;
                 }
-                rest[0] = rough.times[proven];
             }
-            let samples = Samples::of(&timed.trajectory, joints, rest, OFF, &self.over);
-            let travel = samples.travel(joints, segment);
-            let way = Way { waypoints: &samples.waypoints, travel: &travel, off: &samples.off };
-            self.world.sweep_along(way, segment.segment, segment.kept).map(|(_, hit)| (k, hit))
-        })
+        }
+        None
+    }
+
+    /// Proves that a motion keeps the required distances of a segment between two times (s).
+    fn breach(&mut self, motion: &Trajectory, segment: &Stretch<'_>, span: [f64; 2]) -> Result<(), Breach> {
+        let (number, kept) = (segment.segment, segment.kept);
+        let riders = self.world.riders(number);
+        let changed = riders.map(|riders| Compiled::with_riders(&self.scene, &riders));
+        let compiled = changed.as_ref().unwrap_or_else(|| self.scene.compiled());
+        let needs = self.world.required(compiled, number, kept);
+        let weights = self.model.mean_levers(&self.problem.robot);
+        let mut sweep = Sweep::new((&self.scene, compiled), self.model, &needs, weights, &self.over);
+        let mut outcome = sweep.breach(motion, span);
+        let mut checks = sweep.checks;
+        if let (true, Some(joint)) = (outcome.is_ok(), self.problem.joint)
+            && let Some(needs) = self.world.required_from_moved(compiled, number, kept)
+        {
+            let mut beside = sweep.beside(carriage(joint, motion, self.model.n(), span, segment), &needs);
+            outcome = beside.breach(motion, span);
+            checks = beside.checks;
+        }
+        self.world.spend(checks);
+        outcome
     }
 }
 

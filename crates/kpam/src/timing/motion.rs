@@ -389,9 +389,10 @@ impl Piece {
         Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
     }
 
-    /// Raises `most` to upper bounds of each joint's absolute acceleration between two times (s) of the trajectory. The
-    /// average of an acceleration is bounded by the acceleration itself, which is linear between nodes.
-    pub fn widen_to_accelerations(&self, [from, to]: [f64; 2], most: &mut Row) {
+    /// Raises `most` to upper bounds of each joint's absolute acceleration between two times (s) of the trajectory, and adds
+    /// upper bounds of its integral to `total`. The average of an acceleration is bounded by the acceleration itself,
+    /// which is linear between nodes.
+    pub fn widen_to_accelerations(&self, [from, to]: [f64; 2], most: &mut Row, total: &mut Row) {
         let local = |time: f64| (time - self.start).clamp(0.0, self.duration());
         let (from, to) = (local(from) - self.width, local(to));
         let first = self.times.partition_point(|t| *t <= from).saturating_sub(1);
@@ -404,17 +405,18 @@ impl Piece {
                 continue;
             }
             let (begin, end) = ((from - start).clamp(0.0, h), (to - start).clamp(0.0, h));
-            if self.smooth {
-                let (a, b) = (self.node(cell), self.node(cell + 1));
-                for v in 0..self.joints {
-                    most[v] = most[v].max(Quintic::between(&a, &b, v).hardest(begin / h, end / h));
-                }
-                continue;
-            }
+            let ends = self.smooth.then(|| (self.node(cell), self.node(cell + 1)));
             for v in 0..self.joints {
-                let [_, _, bend, change] = self.cubic(cell, v);
-                let acceleration = |t: f64| 2.0 * bend + 6.0 * change * t;
-                most[v] = most[v].max(acceleration(begin).abs()).max(acceleration(end).abs());
+                let hardest = match &ends {
+                    Some((a, b)) => Quintic::between(a, b, v).hardest(begin / h, end / h),
+                    None => {
+                        let [_, _, bend, change] = self.cubic(cell, v);
+                        let acceleration = |t: f64| 2.0 * bend + 6.0 * change * t;
+                        acceleration(begin).abs().max(acceleration(end).abs())
+                    }
+                };
+                most[v] = most[v].max(hardest);
+                total[v] += hardest * (end - begin);
             }
         }
     }

@@ -313,14 +313,23 @@ impl Trajectory {
         }
     }
 
-    /// Returns an upper bound of each moving joint's absolute acceleration between two times (s).
-    pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
-        let mut most = [0.0; MAX_JOINTS];
+    /// Returns upper bounds of each moving joint's deviation (rad or m) between two times (s) from the straight line
+    /// between its positions at these times, and of its distance from either position if the joint reverses in between.
+    pub(crate) fn deviations(&self, [from, to]: [f64; 2]) -> [Row; 2] {
+        let (mut most, mut total) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);
         for piece in self.pieces.get(first..).unwrap_or_default().iter().take_while(|p| p.counts <= to) {
-            piece.widen_to_accelerations([from.max(piece.counts), to], &mut most);
+            piece.widen_to_accelerations([from.max(piece.counts), to], &mut most, &mut total);
         }
-        most
+        // In a time h, a curve deviates from its chord by at most h^2 / 8 times the largest second derivative, and by at
+        // most h / 4 times the integral of the absolute second derivative.
+        let h = to - from;
+        let mut off = [0.0; MAX_JOINTS];
+        for v in 0..self.limits.joints() {
+            off[v] = (0.125 * h * h * most[v]).min(0.25 * h * total[v]);
+            most[v] *= 0.5 * h * h;
+        }
+        [off, most]
     }
 
     /// Returns the positions of all joints at the waypoint times.

@@ -25,7 +25,7 @@ use crate::error::finite;
 use crate::model::{MAX_JOINTS, Model, Row, between};
 use crate::parallel::in_parallel;
 use crate::timing::{Builder, Dynamics, Limits, Spline, can_stop, stop};
-use crate::world::{CONTACT, Close, Required};
+use crate::world::{CONTACT, Close, Hit, Required};
 use crate::{Cancel, Overload, ProblemError, Scene, Trajectory};
 
 pub use along_poses::{PathTolerance, plan_along};
@@ -39,7 +39,7 @@ pub(crate) use paths::Searches;
 pub use question::{Approached, Motion, NoMotion, TransitOptions};
 pub(crate) use rounding::Rounding;
 pub(crate) use shorten::effort_along;
-use sweep::Sweep;
+pub(crate) use sweep::{Breach, Carriage, Sweep};
 
 /// Clearance (m) that the search keeps in addition to the margin, because rounded corners may come closer to obstacles.
 const CURVED: f64 = 1e-3;
@@ -377,14 +377,19 @@ impl Transit<'_> {
     }
 
     fn sweep<'s>(&'s self, needs: &'s Required, field: &Field<'_>) -> Sweep<'s> {
-        Sweep::new(self.scene, self.model, needs, field.weights, &self.over)
+        Sweep::new((self.scene, self.scene.compiled()), self.model, needs, field.weights, &self.over)
     }
 
     /// Proves that a motion keeps its required distances and path constraints.
     fn proven(&self, field: &mut Field<'_>, sweep: &mut Sweep<'_>, motion: &Trajectory) -> Result<(), Stuck> {
-        let found = sweep.breach(motion);
+        let found = sweep.breach(motion, [motion.start(), motion.end()]);
         field.checks += std::mem::take(&mut sweep.checks);
-        found?;
+        found.map_err(|breach| match breach {
+            Breach::Near(Hit { first, second, distance, .. }) => {
+                Stuck::Near(Approached { bodies: [first, second], distance })
+            }
+            Breach::Over => Stuck::Over,
+        })?;
         let is_over = || self.over.is_cancelled();
         let stays = self.along.clone().is_none_or(|mut along| along.proves(self.model, motion, &is_over));
         if stays { Ok(()) } else { Err(Stuck::Off) }

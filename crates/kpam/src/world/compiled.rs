@@ -1,9 +1,11 @@
 //! A scene prepared for fast collision checks.
 
-use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen};
+use std::sync::Arc;
+
+use gensim2_geometry::{Batch, Chains, Convex, LANES, Needs, Other, Pose, Riders, Robot, Screen};
 
 use super::movers::is_below;
-use super::rules::{CollisionObjects, Group, holders};
+use super::rules::{CollisionObjects, holders};
 use super::{Scene, TOUCH};
 use crate::Role;
 use crate::joint_map::JointMap;
@@ -14,6 +16,14 @@ pub(crate) const CONTACT: f64 = 1e-7;
 /// Pairs of bodies that are close to each other in a configuration, as (group, other body, distance in m).
 pub(crate) type Close = Vec<(usize, Other, f64)>;
 
+/// A body that moves with a link, and its pose in the frame of this link.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rider {
+    pub body: usize,
+    pub link: usize,
+    pub pose: Pose,
+}
+
 /// A scene prepared for collision checks: the robot with its attached bodies, and the other bodies.
 #[derive(Debug)]
 pub(crate) struct Compiled {
@@ -22,12 +32,27 @@ pub(crate) struct Compiled {
     pub names: Vec<String>,
     /// Joints that move each group, each with the index of the link that the joint moves.
     pub carriers: Vec<Vec<(usize, usize)>>,
+    /// Joints between the bodies of each checked pair.
+    pub chains: Arc<Chains>,
+    /// Index of the body of each group after the links.
+    pub riders: Vec<usize>,
     /// Whether collisions between a group and a body are checked: one row for each group, one column for each body.
     checked: Vec<bool>,
 }
 
 impl Compiled {
     pub fn new(scene: &Scene) -> Self {
+        let bodies = scene.bodies();
+        let attached = (0..bodies.len()).filter(|b| bodies[*b].role == Role::Attached);
+        let link = scene.robot().hand();
+        Self::with_riders(
+            scene,
+            &attached.map(|body| Rider { body, link, pose: bodies[body].pose }).collect::<Vec<_>>(),
+        )
+    }
+
+    /// Prepares a scene in which `riders`, in the order of their bodies, move with links in place of the attached bodies.
+    pub fn with_riders(scene: &Scene, riders: &[Rider]) -> Self {
         let robot = &**scene.robot();
         let links = robot.links();
         let moved: Vec<(usize, usize)> = (0..links.len()).filter_map(|l| Some((links[l].joint()?, l))).collect();
@@ -35,43 +60,37 @@ impl Compiled {
         let objects = CollisionObjects::new(
             robot,
             scene.bodies(),
-            |b| b.role == Role::Attached,
+            |b| riders.iter().any(|rider| rider.body == b),
             |_| false,
             |a, b| moves[a] || moves[b],
         );
-        let link_of = |g: usize| match objects.groups[g] {
-            Group::Link(l) => l,
-            Group::Riding(_) | Group::Moved(_) => robot.hand(),
-        };
+        let rider = |g: usize| g.checked_sub(links.len()).map(|k| &riders[k]);
+        let link_of = |g: usize| rider(g).map_or(g, |rider| rider.link);
         let groups: Vec<Riders<'_>> = (0..objects.groups.len())
             .map(|g| {
-                let held = match objects.groups[g] {
-                    Group::Link(_) => None,
-                    Group::Riding(b) | Group::Moved(b) => {
-                        let body = &scene.bodies()[b];
-                        Some((body.shapes(), *body.pose()))
-                    }
-                };
+                let held = rider(g).map(|rider| (scene.bodies()[rider.body].shapes(), rider.pose));
                 Riders { link: link_of(g), held }
             })
             .collect();
-        let rides = |g: usize| matches!(objects.groups[g], Group::Riding(_));
+        let rides = |g: usize| rider(g).is_some_and(|rider| rider.link == robot.hand());
         let pairs = objects.pairs.iter().copied().filter(|(a, b)| !(rides(*b) && objects.holds(*a))).collect();
-        let bodies = scene.bodies().iter().map(|body| {
-            let shapes: &[Convex] = if body.role == Role::Attached { &[] } else { body.shapes() };
+        let stands = |b: usize| scene.bodies()[b].role != Role::Attached && riders.iter().all(|rider| rider.body != b);
+        let bodies = scene.bodies().iter().enumerate().map(|(b, body)| {
+            let shapes: &[Convex] = if stands(b) { body.shapes() } else { &[] };
             (shapes, body.pose())
         });
         let screen = Screen::new(robot, robot.cover(), &groups, pairs, bodies);
-        let carriers = (0..objects.groups.len())
+        let carriers: Vec<Vec<(usize, usize)>> = (0..objects.groups.len())
             .map(|g| moved.iter().copied().filter(|(_, link)| is_below(robot, link_of(g), *link)).collect())
             .collect();
-        let stands = |b: usize| scene.bodies()[b].role != Role::Attached;
         let checked = (0..objects.groups.len())
             .flat_map(|g| (0..screen.bodies()).map(move |b| (g, b)))
             .map(|(g, b)| moves[link_of(g)] && stands(b))
             .collect();
         let names = (0..objects.groups.len()).map(|g| objects.name(g).to_owned()).collect();
-        Self { screen, names, carriers, checked }
+        let chains = Arc::new(Chains::new(robot, &screen, &carriers));
+        let riders = riders.iter().map(|rider| rider.body).collect();
+        Self { screen, names, carriers, chains, riders, checked }
     }
 
     /// Returns required distances that are `margin` (m) for every checked pair.

@@ -33,7 +33,7 @@ use rules::{Carrier, CollisionObjects, Compiler, Group, SegmentWorld};
 pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
-pub(crate) use compiled::{CONTACT, Close, Compiled};
+pub(crate) use compiled::{CONTACT, Close, Compiled, Rider};
 use margins::Distances;
 pub(crate) use margins::Margins;
 pub(crate) use movers::is_below;
@@ -122,7 +122,7 @@ impl<'p> World<'p> {
         let objects = CollisionObjects::new(
             robot,
             &problem.bodies,
-            |b| b.role == Role::Attached || picks.contains(&b.name),
+            |b| problem.bodies[b].role == Role::Attached || picks.contains(&problem.bodies[b].name),
             |b| b.role == Role::MovingLink && problem.joint.is_some(),
             // Links that are moved by the same joints do not move relative to each other.
             |a, b| carrying[a] != carrying[b],

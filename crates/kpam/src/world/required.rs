@@ -1,12 +1,10 @@
 //! Required distances of the checked pairs of a scene that is prepared for fast checks.
 
-use std::collections::HashMap;
-
 use gensim2_geometry::{Needs, Other, Screen};
 
 use super::query::Seen;
-use super::rules::{Group, Verdict};
-use super::{Compiled, Margins, MotionSegment, World};
+use super::rules::{Carrier, Group, Verdict};
+use super::{Compiled, Margins, MotionSegment, Rider, World};
 use crate::Role;
 
 /// Required distance (m) of each checked pair of a scene, negative for a pair that may overlap; minus infinity for pairs
@@ -42,14 +40,40 @@ impl Required {
     }
 }
 
+/// Pairs of groups that are checked in a segment.
+struct Checked {
+    groups: usize,
+    /// Index of the pair of each two groups, in rows by the first group.
+    pairs: Vec<Option<usize>>,
+}
+
+impl Checked {
+    fn pair(&self, a: usize, b: usize) -> Option<usize> {
+        self.pairs[a * self.groups + b]
+    }
+}
+
 impl World<'_> {
-    /// Returns the required distances in a segment before the actuation pose. `scene` is the prepared scene of the same
-    /// problem, in which only attached bodies move with the robot.
+    fn checked_pairs(&self, segment: MotionSegment) -> Checked {
+        let groups = self.objects.groups.len();
+        let mut pairs = vec![None; groups * groups];
+        for pair in &self.table(segment).pairs {
+            let (a, b) = self.objects.pairs[*pair];
+            pairs[a * groups + b] = Some(*pair);
+        }
+        Checked { groups, pairs }
+    }
+
+    /// Returns the group of each group of a prepared scene.
+    fn groups_of(&self, scene: &Compiled) -> Vec<usize> {
+        let riding = |b: &usize| self.objects.groups.iter().position(|group| *group == Group::Riding(*b));
+        (0..self.problem.robot.links().len()).chain(scene.riders.iter().filter_map(riding)).collect()
+    }
+
+    /// Returns the required distances in a segment, except those from bodies that the object's joint moves. `scene` is
+    /// the prepared [scene of the segment](World::riders).
     pub fn required(&self, scene: &Compiled, segment: MotionSegment, margins: &Margins) -> Required {
-        let (links, bodies) = (self.problem.robot.links().len(), self.problem.bodies.len());
-        let attached = (0..bodies).filter(|b| self.problem.bodies[*b].role == Role::Attached);
-        let held = attached.filter_map(|b| self.objects.groups.iter().position(|group| *group == Group::Riding(b)));
-        let groups: Vec<usize> = (0..links).chain(held).collect();
+        let (bodies, groups) = (self.problem.bodies.len(), self.groups_of(scene));
         let table = self.table(segment);
         let mut needs = scene.needs(0.0);
         for (row, group) in needs.bodies.chunks_mut(bodies.max(1)).zip(&groups) {
@@ -60,15 +84,49 @@ impl World<'_> {
                 };
             }
         }
-        let checked: HashMap<(usize, usize), usize> =
-            table.pairs.iter().map(|pair| (self.objects.pairs[*pair], *pair)).collect();
+        let checked = self.checked_pairs(segment);
         for (need, (a, b)) in needs.pairs.iter_mut().zip(scene.screen.pairs()) {
-            *need = match checked.get(&(groups[*a], groups[*b])) {
-                Some(pair) => self.asked(segment, margins, groups[*a], Seen::Pair(*pair)),
+            *need = match checked.pair(groups[*a], groups[*b]) {
+                Some(pair) => self.asked(segment, margins, groups[*a], Seen::Pair(pair)),
                 None => f64::NEG_INFINITY,
             };
         }
         needs.into()
+    }
+
+    /// Returns the required distances from the bodies that the object's joint moves in a segment; `None` if no distance
+    /// is required.
+    pub fn required_from_moved(&self, scene: &Compiled, segment: MotionSegment, margins: &Margins) -> Option<Required> {
+        let groups = self.groups_of(scene);
+        let (checked, bodies) = (self.checked_pairs(segment), self.problem.bodies.len());
+        let moved = |(g, what): (usize, &Group)| if let Group::Moved(body) = what { Some((g, *body)) } else { None };
+        let mut needs: Option<Needs> = None;
+        for (other, body) in self.objects.groups.iter().enumerate().filter_map(moved) {
+            for (row, group) in groups.iter().enumerate() {
+                let Some(pair) = checked.pair(*group, other) else { continue };
+                let needs = needs.get_or_insert_with(|| scene.needs(f64::NEG_INFINITY));
+                needs.bodies[row * bodies + body] = self.asked(segment, margins, *group, Seen::Pair(pair));
+            }
+        }
+        needs.map(Required::from)
+    }
+
+    /// Returns the bodies that move with the hand in a segment, or that the hand has put down, if they are not the
+    /// attached bodies. The latter move with the base.
+    pub fn riders(&self, segment: MotionSegment) -> Option<Vec<Rider>> {
+        let (robot, carriers) = (&self.problem.robot, &self.table(segment).carriers);
+        let (mut out, mut is_same) = (Vec::new(), true);
+        for (group, what) in self.objects.groups.iter().enumerate() {
+            let Group::Riding(body) = *what else { continue };
+            let (link, pose) = match carriers[group] {
+                Carrier::Hand => (robot.hand(), self.grasps[group]),
+                Carrier::Placed => (0, self.placed[group]),
+                Carrier::Robot | Carrier::Joint | Carrier::Absent => continue,
+            };
+            is_same &= carriers[group] == Carrier::Hand && self.problem.bodies[body].role == Role::Attached;
+            out.push(Rider { body, link, pose });
+        }
+        (!is_same).then_some(out)
     }
 }
 
@@ -82,9 +140,10 @@ mod tests {
     use super::*;
     use crate::config::{Constraint, Motion};
     use crate::model::{MAX_JOINTS, Model};
-    use crate::transit::{Ending, Field};
+    use crate::timing::{Builder, Limits};
+    use crate::transit::{Breach, Carriage, Ending, Field, Sweep};
     use crate::world::State;
-    use crate::{Body, KeypointProblem, Options, SolverConfig};
+    use crate::{Body, Cancel, KeypointProblem, ObjectJoint, ObjectJointKind, Options, SolverConfig};
 
     /// A problem of a pen on two slides beside its own frame, a wall, a cup that the pen reaches for, and a held box.
     fn problem(options: Options) -> KeypointProblem {
@@ -149,6 +208,73 @@ mod tests {
                     assert!((30..270).contains(&free), "{free}");
                 }
             }
+        }
+    }
+
+    /// A pen on two slides beside a drawer, which moves along x after the actuation, and a fixed wall.
+    fn beside_a_drawer(options: Options) -> KeypointProblem {
+        let cube = |half: f64| Convex::cuboid([half; 3], &Pose::identity()).unwrap();
+        let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-0.5, 0.5).velocity(1.0);
+        let robot = Robot::builder("plotter")
+            .link(Link::base("frame"))
+            .link(Link::below("frame", "bridge").moved_by(slide("x", Vector3::x())))
+            .link(Link::below("bridge", "pen").moved_by(slide("y", Vector3::y())).shape(cube(0.05)))
+            .build("pen")
+            .unwrap();
+        let body = |name: &str, role, x, y| {
+            Body::builder(name, role).shape(cube(0.1)).pose(Pose::translation(x, y, 0.0)).build().unwrap()
+        };
+        let mut bodies = vec![body("wall", Role::Rigid, 0.3, 0.3), body("drawer", Role::MovingLink, -0.2, -0.1)];
+        let held = Body::builder("held", Role::Attached).shape(cube(0.03)).pose(Pose::translation(0.0, 0.09, 0.0));
+        bodies.push(held.build().unwrap());
+        let rail = ObjectJoint::new(ObjectJointKind::Prismatic, Vector3::zeros(), Vector3::x(), 0.0, [0.0, 0.4]);
+        let config = SolverConfig::builder().constraint(Constraint::point("tip", "goal", 1e-3));
+        let config = config.post(Motion::FollowJoint(0.3)).build().unwrap();
+        let builder = KeypointProblem::builder(Arc::new(robot), config, vec![0.0, 0.0]).object(Pose::identity());
+        let builder = builder.tool_keypoint("tip", Vector3::zeros()).object_keypoint("goal", Vector3::zeros());
+        builder.bodies(bodies).joint(rail.unwrap()).options(options).build().unwrap()
+    }
+
+    #[test]
+    fn a_proof_beside_a_moved_body_fails_exactly_where_a_pair_violates_its_margin() {
+        let deep = Options { contact_depth: Some(0.02), ..Options::default() };
+        let released = Options { release: vec!["held".to_owned()], ..Options::default() };
+        let mut draws = Draws::of(8, 1);
+        for options in [Options::default(), deep, released] {
+            let problem = beside_a_drawer(options);
+            let (scene, rest) = (problem.scene(), Model::new(&problem.robot, &[0.0, 0.0]).unwrap());
+            let mut world = World::new(&problem, &rest);
+            let segment = MotionSegment::Post(0);
+            let mut free = 0;
+            for _ in 0..400 {
+                let q: Vec<f64> = (0..2).map(|_| draws.unit() - 0.5).collect();
+                let (model, travel) = (Model::new(&problem.robot, &q).unwrap(), 0.4 * draws.unit());
+                world.act_at(&[0.0; MAX_JOINTS], None);
+                let margins = Margins::plain(0.03 * draws.unit());
+                let hit = world.hit_at(State { x: &model.start(), travel }, segment, &margins);
+                let changed = world.riders(segment).map(|riders| Compiled::with_riders(&scene, &riders));
+                let compiled = changed.as_ref().unwrap_or_else(|| scene.compiled());
+                let (needs, over) = (world.required(compiled, segment, &margins), Cancel::new());
+                let still = Builder::new(Limits::of(&problem, &model), 0.0).build(model.map());
+                let weights = model.mean_levers(&problem.robot);
+                let mut sweep = Sweep::new((&scene, compiled), &model, &needs, weights, &over);
+                let mut met = sweep.breach(&still, [0.0, 0.0]).err();
+                let needs = world.required_from_moved(compiled, segment, &margins).unwrap();
+                if met.is_none() {
+                    let carriage = Carriage { joint: problem.joint.unwrap(), times: vec![0.0], travel: vec![travel] };
+                    met = sweep.beside(carriage, &needs).breach(&still, [0.0, 0.0]).err();
+                }
+                assert_eq!(hit.is_some(), met.is_some(), "{q:?} {travel} {hit:?} {met:?}");
+                if let (Some(hit), Some(Breach::Near(found))) = (&hit, &met) {
+                    let names = [&found.first, &found.second];
+                    let other = world.lacking(State { x: &model.start(), travel }, segment, &margins) > 0.0;
+                    assert!(
+                        other && (names != [&hit.first, &hit.second] || (hit.distance - found.distance).abs() < 1e-6)
+                    );
+                }
+                free += u32::from(met.is_none());
+            }
+            assert!((100..390).contains(&free), "{free}");
         }
     }
 }

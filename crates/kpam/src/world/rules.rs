@@ -88,13 +88,13 @@ impl<'p> CollisionObjects<'p> {
     pub fn new(
         robot: &'p Robot,
         bodies: &'p [Body],
-        rides: impl Fn(&Body) -> bool,
+        rides: impl Fn(usize) -> bool,
         is_moved: impl Fn(&Body) -> bool,
         changes: impl Fn(usize, usize) -> bool,
     ) -> Self {
         let links = robot.links().len();
         let mut groups: Vec<Group> = (0..links).map(Group::Link).collect();
-        groups.extend((0..bodies.len()).filter(|b| rides(&bodies[*b])).map(Group::Riding));
+        groups.extend((0..bodies.len()).filter(|b| rides(*b)).map(Group::Riding));
         groups.extend((0..bodies.len()).filter(|b| is_moved(&bodies[*b])).map(Group::Moved));
         let mut pairs = checked_pairs(robot, changes);
         let bare = |g: usize| match groups[g] {

@@ -22,8 +22,6 @@ const FINEST: f64 = 0.0015;
 /// If the boxes of two shapes are further apart than this (m), the distance of the boxes replaces the exact distance.
 const COARSE: f64 = 0.02;
 
-/// If a bubble advances a proof by less than this part of a segment, the proof ends, and a finer check follows.
-const SLOWEST: f64 = 0.2;
 /// The next bubble is centred beyond the end of the last bubble by this fraction of that bubble's extent. It is useful
 /// only if it extends back to that end.
 const AGAIN: f64 = 0.7;
@@ -47,9 +45,8 @@ struct Course<'w> {
 struct Onwards {
     /// Position of the centre.
     at: f64,
-    /// Position up to which the path is inside the bubble.
-    proven: f64,
-    /// Next position to check. It exceeds `proven` by at most the minimum step.
+    /// Next position to check. It exceeds the position up to which the path is inside the bubble by at most the minimum
+    /// step.
     next: f64,
 }
 
@@ -201,22 +198,6 @@ impl World<'_> {
         None
     }
 
-    /// Proves that a path is free from its start, using bubbles only; returns the index of the last proven waypoint.
-    pub fn prove_along(&mut self, way: Way<'_>, segment: MotionSegment, margins: &Margins) -> usize {
-        let mut course = self.course(way, segment, margins);
-        while !self.cut_short()
-            && course.t < course.end
-            && let Ok(on) = self.advance(&mut course)
-        {
-            let gained = on.proven - course.t;
-            course.t = on.proven;
-            if gained < SLOWEST {
-                break;
-            }
-        }
-        course.t as usize
-    }
-
     /// Returns the next bubble of a path, or the pair that violates its margin at the position that is checked next.
     fn advance(&mut self, course: &mut Course<'_>) -> Result<Onwards, Hit> {
         // A bubble centred further ahead that extends back to here covers nearly twice the length.
@@ -233,7 +214,7 @@ impl World<'_> {
         }
         let bubble = self.bubble(course, t)?;
         let is_end = t >= course.end;
-        let on = if is_end { Onwards { at: t, proven: t, next: t } } else { self.onwards(&bubble, course, t) };
+        let on = if is_end { Onwards { at: t, next: t } } else { self.onwards(&bubble, course, t) };
         self.spare = bubble;
         Ok(on)
     }
@@ -298,7 +279,7 @@ impl World<'_> {
         let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
         let on = next.max((t + finest).min((next as usize + 1) as f64)).min(last as f64);
         course.ahead = next - t;
-        Onwards { at: t, proven: next, next: on }
+        Onwards { at: t, next: on }
     }
 
     /// Returns whether the path between two waypoints is inside a bubble around a position between them.
@@ -355,12 +336,10 @@ mod tests {
             let hit = world.sweep_along(Way::still(&waypoints), MotionSegment::Approach, &Margins::plain(clearance));
             assert!(hit.is_none(), "{clearance}");
         }
-        // A check that is cut short finds nothing, proves nothing, and says so.
+        // A check that is cut short finds nothing, and says so.
         assert!(!world.unfinished);
         world.limit(None, Some(std::time::Instant::now()), None);
         let margins = Margins::plain(0.0);
-        assert_eq!(world.prove_along(Way::still(&waypoints), MotionSegment::Approach, &margins), 0);
-        assert!(std::mem::take(&mut world.unfinished));
         assert!(world.sweep_along(Way::still(&waypoints), MotionSegment::Approach, &margins).is_none());
         assert!(std::mem::take(&mut world.unfinished));
         assert!(world.hit_at_any(Way::still(&waypoints), MotionSegment::Approach, &margins).is_none());
