@@ -87,6 +87,6 @@ def test_an_option_takes_the_place_of_the_default(scene: Scene) -> None:
     options: kpam.Options = {**PLAN_OPTIONS, "reach_clearance": 0.003}
     strict = StepPlanner(PANDA, options).plan(scene, CLOSE, push(0.0))
     assert strict.status == "collision"
-    assert strict.rank == 3
+    assert strict.rank == 4
     loose = StepPlanner(PANDA, {**PLAN_OPTIONS, "reach_clearance": None}).plan(scene, CLOSE, push(0.0))
     assert (loose.status, loose.touches) == ("solved", None)

@@ -19,6 +19,9 @@ NO_GRASP = "no_grasp"
 INVALID = "invalid"
 """Status of a step whose strategy does not fit the objects of the scene."""
 
+CLEAR = 0.004
+"""Clearance (m) of a motion with a grasped object that exceeds the tracking error of the arm."""
+
 
 @dataclass(frozen=True)
 class StepPlan:
@@ -34,6 +37,8 @@ class StepPlan:
         force: force of each finger on ``picks``, N.
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: reason why planning without early contact failed; None without early contact.
+        misses: reason why the released object would not end at its goal; None if it would.
+        is_tight: whether the grasped object has less than ``CLEAR`` of clearance on the way to its release.
         whole: failed plan of the complete motion if ``plan`` is a shortened motion, else None.
         foreseen: plan of a later step with the grasped object as its tool, from the scene ``after``; or None.
     """
@@ -48,6 +53,8 @@ class StepPlan:
     force: float | None = None
     T_object_hand: Array | None = field(default=None, repr=False)
     touches: str | None = None
+    misses: str | None = None
+    is_tight: bool = False
     whole: kpam.Plan | None = field(default=None, repr=False)
     foreseen: Foreseen | None = field(default=None, repr=False)
 
@@ -58,18 +65,23 @@ class StepPlan:
 
     @property
     def rank(self) -> int:
-        """Quality of the plan, from 0 (best) to 3.
+        """Quality of the plan, from 0 (best) to 4.
 
-        Rank 0 is a complete plan without early contact, 1 a complete plan with early contact, 2 a partial plan, and 3
-        no motion.
+        Rank 0 is a complete plan, 1 a complete plan with early contact or with little clearance for a grasped object
+        (``is_tight``), 2 a complete plan that misses its goal, 3 a partial plan, and 4 no motion.
         """
         if self.schedule is None:
+            return 4
+        if not self.is_solved:
             return 3
-        return 2 if not self.is_solved else 0 if self.touches is None else 1
+        if self.misses is not None:
+            return 2
+        return int(self.touches is not None or self.is_tight)
 
     def detail(self) -> dict[str, Any]:
         """Return the reasons why no complete motion was found (residuals, keyframe, collisions), and ``touches``."""
         touches = {} if self.touches is None else {"touches": self.touches}
+        touches |= {} if self.misses is None else {"misses": self.misses}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:
             return touches
@@ -95,11 +107,13 @@ class Foreseen:
     Attributes:
         strategy: index of the planned strategy among the strategies of the step.
         plan: the motion.
+        rank: rank of the plan, as for :attr:`StepPlan.rank`.
     """
 
     step: str
     strategy: int
     plan: kpam.Plan
+    rank: int = 0
 
 
 #: A step and its strategies in order of preference.

@@ -15,10 +15,11 @@ from gensim2.core.arrays import Array
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_force, grip_on, schedule
 from gensim2.planning.grasping import ASIDE, COMPARED, DRAWN_OUT, HELD, grasp_config, grasps_of, lever_of, margin_of
+from gensim2.planning.landing import misses
 from gensim2.planning.pulling import pull_config, pulls_of
 from gensim2.planning.reaching import Reach, reach
 from gensim2.planning.scene import Scene
-from gensim2.planning.step_plan import INVALID, NO_GRASP, Foreseen, StepPlan, Ways
+from gensim2.planning.step_plan import CLEAR, INVALID, NO_GRASP, Foreseen, StepPlan, Ways
 from gensim2.planning.step_problems import StepProblems
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, PullStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
@@ -164,7 +165,11 @@ class StepPlanner:
         acts = self._fingers.acts(scene, strategy, opening, gently=picks is not None)
         rows = schedule(plan, acts, self.profile)
         after = self._after(scene, step, problem, plan, rows, picks)
-        return StepPlan(plan.status, plan.reason, plan, rows, after, picks)
+        planned = StepPlan(plan.status, plan.reason, plan, rows, after, picks)
+        if scene.held is None or rows.released is None:
+            return planned
+        reason = misses(after, scene.held, after.objects[step.object])
+        return replace(planned, misses=reason, is_tight=plan.margin < CLEAR)
 
     def _after(
         self,
@@ -207,7 +212,7 @@ class StepPlanner:
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None
-        ways: Sequence[Strategy] = () if use is None else use[1]  # strategies of the later step
+        served: Foreseen | None = None
         compared = useless = 0
         barred: list[tuple[kpam.Grasp, bool]] = []
         for grasp, swapped, aside in chain(((*each, None) for each in product(found, (False, True))), _aside(barred)):
@@ -222,14 +227,15 @@ class StepPlanner:
             assert taken.after is not None
             if use is None:
                 return taken
-            way = self._way(taken.after, use[0], ways)
+            way = self._way(taken.after, use, served)
             if way is not None:
-                serving, ways = replace(taken, foreseen=way), ways[: way.strategy]
-            else:
+                serving, served = replace(taken, foreseen=way), way
+            elif serving is None:
                 best = best if best is not None and best.is_solved else taken
                 useless += 1
             compared += serving is not None
-            if (not ways or compared == COMPARED) if serving is not None else useless == self._patience:
+            is_best = served is not None and (served.rank, served.strategy) == (0, 0)
+            if (is_best or compared == COMPARED) if serving is not None else useless == self._patience:
                 break
         if serving is not None:
             return serving
@@ -297,18 +303,37 @@ class StepPlanner:
         at = np.array(grasp.T_object_hand)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
-    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
-        """Return a plan in a predicted scene with the first strategy that yields one, or None if no strategy does."""
+    def _way(self, scene: Scene, use: Ways, than: Foreseen | None) -> Foreseen | None:
+        """Return the plan of a later step in a predicted scene with the first of its strategies that yields a plan of
+        rank 0 or 1; without such a plan, the first plan of another rank.
+
+        Args:
+            scene: predicted scene.
+            use: later step and its strategies.
+            than: plan with another grasp; only better plans are of interest. None: any plan.
+
+        Returns:
+            The plan; None if no strategy yields a better plan than ``than``. Plans are compared by their ranks, and
+            plans of equal rank by the order of the strategies.
+        """
+        step, strategies = use
+        best = than
         for number, strategy in enumerate(strategies):
+            # A plan of rank 1 is good enough for its grasp: with another grasp, the same strategy may be of rank 0.
+            if best is not None and best.rank <= 1 and number >= best.strategy + best.rank:
+                break
             if not isinstance(strategy, KeypointStrategy) or strategy.makes_room is not None:
                 continue
             try:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # the strategy does not fit these objects
                 continue
-            if (plan := kpam.plan(problem)).status == "solved":
-                return Foreseen(step.name, number, plan)
-        return None
+            if (plan := kpam.plan(problem)).status != "solved":
+                continue
+            rank = self._planned(scene, step, strategy, problem, plan).rank
+            if best is None or (rank, number) < (best.rank, best.strategy):
+                best = Foreseen(step.name, number, plan, rank)
+        return None if best is than else best
 
 
 def _is_barred(taken: StepPlan, name: str) -> bool:

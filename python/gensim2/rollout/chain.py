@@ -33,6 +33,8 @@ MAX_ROUNDS = 8
 """Maximum number of times that a step is planned in an episode; each time its strategies are tried in order."""
 MAX_TRIES = 2
 """Maximum number of times that a strategy is executed without completing its step."""
+MAX_TIGHT = 3
+"""Number of plans with little clearance for the grasped object after which no further strategy is planned."""
 WAIT_SECONDS = 0.5
 """Maximum time (s) for which the arm waits: after a motion for the step to be done, or for a lost object to fall."""
 CALM_SECONDS = 2.0
@@ -370,7 +372,8 @@ class ChainController:
             plan = self._plan(scene, name, observation.step, warm_start)
             turn.plans.append(plan)
             found.append(plan)
-            if plan.is_best:
+            tight = sum(each.planned.is_tight for each in found)
+            if plan.is_best or tight == MAX_TIGHT:
                 break
         self._running = best_of(found)
         if self._running is None and held is None and not self._one_plan and self._is_calm(observation):
