@@ -26,11 +26,14 @@ pub(super) struct Approach {
     pub kept: Margins,
     /// A collision of the motion, if the options permit collisions.
     pub hit: Option<Hit>,
+    /// Whether the motion was only checked at samples.
+    pub is_sampled: bool,
 }
 
 impl Planner<'_> {
-    /// Searches a collision-free motion from the start to the first keyframe.
-    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
+    /// Searches a collision-free motion from the start to the first keyframe. Unless `proves` is set, the motion is only
+    /// checked at samples.
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize, proves: bool) -> Result<Approach, NoWay> {
         let n = self.model.n();
         let segment = self.world.schedule.toward(self.entry);
         let braking = self.stop_hit(segment);
@@ -43,12 +46,12 @@ impl Planner<'_> {
             // If braking is blocked, only the motion under execution may be free; it is swept when it is resumed.
             let kept = self.margins(&start, goal, segment, self.margin, false);
             let pieces = vec![straight(&[start, *goal])];
-            return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None });
+            return Ok(Approach { pieces, corners: Vec::new(), kept, hit: None, is_sampled: false });
         }
         if !self.problem.options.avoid_collisions {
             let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
             let pieces = vec![straight(&[start, *goal])];
-            return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
+            return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit, is_sampled: false });
         }
         // Bodies that overlap at the start are separated first, and then stay separated.
         let out = self.way_out(&start, segment);
@@ -67,24 +70,24 @@ impl Planner<'_> {
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
             if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), segment, &curved) {
                 pieces.push(way);
-                return Ok(Approach { pieces, corners, kept, hit: None });
+                return Ok(Approach { pieces, corners, kept, hit: None, is_sampled: false });
             }
         }
-        let paths = match self.connect(&begin, goal, segment, &wide, samples) {
+        let paths = match self.connect(&begin, goal, segment, &wide, samples, proves) {
             // A motion with stops at its corners needs no extra clearance.
-            Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
+            Err(_) => self.connect(&begin, goal, segment, &curved, samples, proves)?,
             Ok(paths) => paths,
         };
         let corners = &paths[0];
         let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
         if corners.len() == 2 {
-            return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
+            return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None, is_sampled: false });
         }
-        match paths.iter().find_map(|path| self.rounded(path, segment, &curved)) {
+        match paths.iter().find_map(|path| self.rounded(path, segment, &curved, proves)) {
             Some(curve) => pieces.push(curve),
             None => pieces.extend(corners.windows(2).map(straight)),
         }
-        Ok(Approach { pieces, corners: stops, kept, hit: None })
+        Ok(Approach { pieces, corners: stops, kept, hit: None, is_sampled: !proves })
     }
 
     /// Returns the straight motion to the first keyframe without a proof that it is collision-free; `None` if one of a
@@ -101,11 +104,19 @@ impl Planner<'_> {
             corners: Vec::new(),
             kept,
             hit: None,
+            is_sampled: false,
         })
     }
 
     /// Returns waypoints of a collision-free smooth curve near the corners, as wide as obstacles permit at each corner.
-    fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
+    /// Unless `proves` is set, the curve is only checked at samples.
+    fn rounded(
+        &mut self,
+        corners: &[Row],
+        segment: MotionSegment,
+        margins: &Margins,
+        proves: bool,
+    ) -> Option<Vec<Row>> {
         let n = self.model.n();
         let needs = self.world.required(self.scene.compiled(), segment, margins);
         let mut field = Field::new(&self.scene, self.model, needs, self.world.ending());
@@ -114,7 +125,12 @@ impl Planner<'_> {
         while let Some((_, waypoints, _)) = rounding.next(&mut field, n, self.model) {
             // The waypoints are closer to each other at both ends.
             let curve = rounded(n, &waypoints, f64::INFINITY, NEAR);
-            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &curve, None), segment, margins) {
+            let path = Spline::through(n, &curve, None);
+            let is_free = match proves {
+                true => curve_is_free(&mut self.world, self.model, &path, segment, margins),
+                false => path.keeps_within(0..path.intervals(), &self.model.lower, &self.model.upper),
+            };
+            if is_free {
                 found = Some(curve);
                 break;
             }

@@ -42,6 +42,8 @@ pub(super) struct Attempt {
     pub travel: Vec<Vec<f64>>,
     /// Free motions that stop at every corner. They are used if the motions in `approach` collide once they are timed.
     pub corners: Vec<Vec<Row>>,
+    /// Whether the free motion was only checked at samples before it was timed.
+    pub is_sampled: bool,
     /// Minimum distances between bodies on the free motion and on each path.
     pub kept: Margins,
     pub margins: Vec<Margins>,
@@ -75,6 +77,7 @@ impl Attempt {
             paths: vec![Vec::new(); count],
             travel: vec![Vec::new(); count],
             corners: Vec::new(),
+            is_sampled: false,
             kept: Margins::plain(0.0),
             margins: vec![Margins::plain(0.0); count],
             after: (done, 0.0),
@@ -207,9 +210,14 @@ impl Planner<'_> {
     /// Searches the free motion to the first keyframe, and times the whole motion.
     pub(super) fn complete(&mut self, out: &mut Attempt, samples: usize) {
         self.act(out);
-        if self.entry > out.motions.actuation || self.approach_first(out, samples) {
+        // A free motion that is free at samples usually stands the proof of the timed motion.
+        for proves in [false, true] {
+            if self.entry <= out.motions.actuation && !self.approach_first(out, samples, proves) {
+                return;
+            }
             match self.emit(out) {
                 Ok(timed) => out.timed = Some(timed),
+                Err(Failure::Blocked { .. }) if out.is_sampled => continue,
                 Err(failure) => {
                     if let Failure::Blocked { keyframe, hit } = &failure {
                         out.hits.push((*keyframe, hit.clone()));
@@ -217,16 +225,18 @@ impl Planner<'_> {
                     out.failure = Some(failure);
                 }
             }
+            return;
         }
     }
 
-    /// Searches the free motion to the first keyframe; returns whether the search succeeded.
-    fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
+    /// Searches the free motion to the first keyframe; returns whether the search succeeded. `proves` tells whether the
+    /// motion must be proven before it is timed.
+    fn approach_first(&mut self, out: &mut Attempt, samples: usize, proves: bool) -> bool {
         let goal = out.arrival(self.entry);
         let keyframe = self.entry;
-        match self.approach(&goal, samples) {
-            Ok(Approach { pieces, corners, kept, hit }) => {
-                (out.approach, out.corners, out.kept) = (pieces, corners, kept);
+        match self.approach(&goal, samples, proves) {
+            Ok(Approach { pieces, corners, kept, hit, is_sampled }) => {
+                (out.approach, out.corners, out.kept, out.is_sampled) = (pieces, corners, kept, is_sampled);
                 out.hits.extend(hit.map(|h| (keyframe, h)));
                 return true;
             }

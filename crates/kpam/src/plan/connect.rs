@@ -42,6 +42,8 @@ struct Search<'s> {
     /// Maximum number of samples, and their seed.
     samples: usize,
     seed: usize,
+    /// Whether paths are proven, and not only checked at samples.
+    proves: bool,
 }
 
 impl Search<'_> {
@@ -80,7 +82,7 @@ impl Search<'_> {
             // The search checks single configurations, so its paths are not proven yet.
             let proven = ways.iter().position(|(_, way)| {
                 field.is_way_free(way)
-                    && world.sweep_along(Way::still(way), self.segment, self.margins).is_none()
+                    && (!self.proves || world.sweep_along(Way::still(way), self.segment, self.margins).is_none())
                     && !world.cut_short()
             });
             found = proven.map(|first| ways.drain(first..).map(|(_, way)| way).collect());
@@ -97,7 +99,8 @@ impl Search<'_> {
 
 impl Planner<'_> {
     /// Searches a collision-free path between two joint vectors that keeps `margins`, and returns its vertices, then those
-    /// of slower paths, which must be proven before they are used.
+    /// of slower paths, which must be proven before they are used. Unless `proves` is set, the first path is only checked
+    /// at samples, too.
     pub(super) fn connect(
         &mut self,
         from: &Row,
@@ -105,12 +108,13 @@ impl Planner<'_> {
         segment: MotionSegment,
         margins: &Margins,
         samples: usize,
+        proves: bool,
     ) -> Result<Vec<Vec<Row>>, NoWay> {
         // After several poses without any sample connected to the start, searches for other poses would fail too.
         let samples = if self.boxed_in < BOXED_IN { samples } else { 0 };
         let pace = self.builder.limits().pace();
         let (scene, model, seed) = (&self.scene, self.model, self.problem.options.seed);
-        let search = Search { scene, model, segment, margins, pace, samples, seed };
+        let search = Search { scene, model, segment, margins, pace, samples, seed, proves };
         let found = search.paths(&mut self.world, from, to);
         match found {
             Err(NoWay::BoxedIn(_)) => self.boxed_in += 1,
@@ -215,7 +219,16 @@ mod tests {
         goal[0] = 0.8;
         let (scene, margins, pace) = (problem.scene(), Margins::plain(0.0), [1.0; MAX_JOINTS]);
         let segment = MotionSegment::Approach;
-        let search = Search { scene: &scene, model: &model, segment, margins: &margins, pace, samples: 2000, seed: 0 };
+        let search = Search {
+            scene: &scene,
+            model: &model,
+            segment,
+            margins: &margins,
+            pace,
+            samples: 2000,
+            seed: 0,
+            proves: true,
+        };
         Ok(search.paths(&mut world, &start, &goal)?.remove(0))
     }
 

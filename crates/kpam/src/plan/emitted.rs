@@ -127,8 +127,11 @@ impl Planner<'_> {
                 continue;
             }
             let toward = segments[k].toward;
-            let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|segment| !segments[*segment].stops).collect();
             let free = k < attempt.approach.len();
+            if free && attempt.is_sampled {
+                return Err(Failure::Blocked { keyframe: toward, hit });
+            }
+            let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|segment| !segments[*segment].stops).collect();
             if !joined.is_empty() {
                 joined.into_iter().for_each(|segment| stops[segment] = true);
             } else if free && !attempt.corners.is_empty() {

@@ -262,7 +262,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let plan = match found.candidates.first() {
         None if planner.world.is_over() => planner.ended("no actuation pose was found"),
         None => {
-            let boxed = outside_the_box(problem, &model, &resolved);
+            let boxed = outside_the_box(problem, &model, &resolved, found.best_effort.as_ref());
             planner.infeasible(found.best_effort, boxed)
         }
         Some(_) => planner.whole_motion(&found, &mut search),
@@ -271,19 +271,38 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     Ok((plan, times))
 }
 
+/// Distance (m) from the faces of the workspace box at which the box no longer keeps the hand from its target.
+const INSIDE: f64 = 0.02;
+
 /// Returns how far (m) the hand lies outside the workspace box at the best pose that meets the other constraints.
-/// `None` if there is no such pose or no box.
-fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved) -> Option<f64> {
+/// `None` if there is no such pose or no box. The search begins at `nearest`, the pose that misses all constraints least;
+/// if its hand is well inside the box, the box is not the reason.
+fn outside_the_box(
+    problem: &KeypointProblem,
+    model: &Model,
+    resolved: &Resolved,
+    nearest: Option<&Row>,
+) -> Option<f64> {
     let [low, high] = problem.options.workspace?;
     let mut open = problem.clone();
     open.options.workspace = None;
     let mut search = ActuationSearch::new(&open, model, resolved);
-    let found = search.all(problem.options.num_seeds);
+    let is_inside = |x: &Row| {
+        let hand = search.hand(x).translation.vector;
+        (0..3).all(|i| hand[i] > low[i] + INSIDE && hand[i] < high[i] - INSIDE)
+    };
+    if nearest.is_some_and(is_inside) {
+        return None;
+    }
+    let candidates = match nearest.and_then(|x| search.from(x)) {
+        Some(candidate) => vec![candidate],
+        None => search.all(problem.options.num_seeds).candidates,
+    };
     let mut outside = |x: &Row| {
         let hand = search.hand(x).translation.vector;
         (0..3).map(|i| (low[i] - hand[i]).max(hand[i] - high[i])).fold(0.0, f64::max)
     };
-    found.candidates.iter().map(|c| outside(&c.x)).reduce(f64::min)
+    candidates.iter().map(|c| outside(&c.x)).reduce(f64::min)
 }
 
 /// Returns the index of the first keyframe that the motion must reach. Keyframes are numbered in time order.
