@@ -28,6 +28,7 @@ from gensim2.objects.types import joint_motion
 from gensim2.perception.estimation.bail import raised_bail
 from gensim2.perception.estimation.classes import DIRECTIONS, ClassConstants, by_name
 from gensim2.perception.estimation.door import IN_CABINET, in_box, in_cabinet, on_door
+from gensim2.perception.estimation.lever import lever_near
 from gensim2.perception.estimation.network import OTHER, TARGET, EncodedCloud, SceneNetwork, features_of
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot
 
@@ -289,9 +290,31 @@ class SceneEstimator:
         return SceneEstimate((self.measured(estimate, found),), others)
 
     def measured(self, found: ObjectEstimate, cloud: Points) -> ObjectEstimate:
-        """Return an estimate that is corrected by the points (N, 3) of its cloud, if the object has a bail."""
-        kind = self.classes[by_name(self.classes, found.asset_class)]
-        return with_bail(found, cloud) if self.refine and kind.is_bail else found
+        """Return an estimate that is corrected by the points (N, 3) of its cloud, if the object has a bail, a lever, or
+        a door with a vertical axis.
+        """
+        if not self.refine:
+            return found
+        if self.classes[by_name(self.classes, found.asset_class)].is_bail:
+            return with_bail(found, cloud)
+        if not found.moving_keypoints or abs(found.joint.axis[2]) <= 1.0 - LEVEL:
+            return found
+        name, points = found.moving_keypoints[0], cloud[found.points]
+        at, deviation = found.keypoints[name], found.keypoint_deviations[name]
+        if found.joint.type == "revolute" and IN_CABINET in found.keypoints:
+            turn = float(np.sign(found.joint.axis[2]))
+            at, deviation = on_door(at, deviation, points[found.moving], found.joint.origin, turn)
+        elif found.joint.type == "prismatic" and not found.moving.all():
+            forwards = self.profile.T_world_base[:3, :3].T @ [np.cos(found.yaw), np.sin(found.yaw), 0.0]
+            lever = lever_near(at, deviation, points, forwards)
+            if lever is not None:
+                at, deviation = lever.end, deviation if lever.end is at else MEASURED
+                found = replace(found, moving=lever.points)
+        return replace(
+            found,
+            keypoints={**found.keypoints, name: at},
+            keypoint_deviations={**found.keypoint_deviations, name: deviation},
+        )
 
     def stand_in(self, xyz: Points, joint_type: str | None = None) -> ClassConstants:
         """Return the most probable stand-in for the object in a point cloud, whose class is unknown.
@@ -349,20 +372,12 @@ class SceneEstimator:
         keypoints = dict(zip(kind.keypoints, found["places"][1:], strict=False))
         if self.refine and kind.joint_type == "prismatic" and len(kind.keypoints) > 1 and kind.moving[-1]:
             keypoints = in_open_drawer(keypoints, xyz[rows[moving]], joint)
-        keypoint_deviations = {
-            name: self.scales["keypoints"] * float(each)
-            for name, each in zip(kind.keypoints, deviations[3:], strict=False)
-        }
         is_container = self.refine and kind.joint_type == "revolute" and IN_CABINET in keypoints
         inwards = to_base @ turn[:, 0]
         if is_container and abs(joint.axis[2]) <= 1.0 - LEVEL:
             keypoints[IN_CABINET] = in_box(keypoints[IN_CABINET], joint.origin, inwards)
         elif is_container:
-            door, handle = xyz[rows[moving]], kind.keypoints[0]
-            keypoints[IN_CABINET] = in_cabinet(keypoints[IN_CABINET], door, joint.origin, inwards)
-            keypoints[handle], keypoint_deviations[handle] = on_door(
-                keypoints[handle], keypoint_deviations[handle], door, joint.origin, np.sign(joint.axis[2])
-            )
+            keypoints[IN_CABINET] = in_cabinet(keypoints[IN_CABINET], xyz[rows[moving]], joint.origin, inwards)
         T = joint_motion(joint.type, joint.axis, joint.value, joint.origin)
         T[:3, :3] = T[:3, :3] @ to_base @ turn @ np.array(kind.frame)
         T[:3, 3] = xyz[rows[moving] if moving.any() else rows].mean(axis=0)
@@ -376,7 +391,10 @@ class SceneEstimator:
             T_base_object=T,
             joint=joint,
             keypoints=keypoints,
-            keypoint_deviations=keypoint_deviations,
+            keypoint_deviations={
+                name: self.scales["keypoints"] * float(each)
+                for name, each in zip(kind.keypoints, deviations[3:], strict=False)
+            },
             size=found["size"],
             object_axis=kind.object_axis,
             moving_keypoints=tuple(name for name, moves in zip(kind.keypoints, kind.moving, strict=True) if moves),

@@ -35,6 +35,8 @@ LEAST_DEPTH = 0.07
 is not lower. Fingers that push near a rounded top slip over it."""
 BEYOND = {"revolute": 0.2, "prismatic": 0.02}
 """Extension (rad or m) of the estimated joint limits, so that pushes do not stop short."""
+LEVER = 0.05
+"""Extension of the limits (m) of a vertical sliding part, such as a lever, whose range is short and uncertain."""
 DEVIATIONS = 2.0
 """Extension of the limits in standard deviations of the joint value, if this is more than ``BEYOND``."""
 
@@ -87,6 +89,8 @@ def scene_object(
             bodies.append(SceneBody(f"{name}/{link}", hulls, np.eye(4)))
     joint = found.joint
     beyond = max(BEYOND[joint.type], DEVIATIONS * joint.openness_deviation * (joint.upper - joint.lower))
+    if joint.type == "prismatic" and abs(joint.axis[2]) > 1.0 - LEVEL and not found.moving.all():
+        beyond = max(beyond, LEVER)
     return SceneObject(
         name=name,
         bodies=tuple(bodies),
