@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.articulated_tracking import PUSH_ON
 from gensim2.perception.estimation.door import FORWARDS, IN_CABINET, in_box, in_cabinet, on_door
 from gensim2.perception.estimation.estimator import in_open_drawer
 from gensim2.perception.estimation.goal import GoalTracker
@@ -19,7 +18,7 @@ from gensim2.perception.estimation.rigid_tracking import RigidTracker
 from gensim2.perception.estimation.scene import scene_object
 from gensim2.perception.estimation.tracking import Track, displacement
 from gensim2.robots import robot
-from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, DistanceArticulatedRigid
+from gensim2.tasks.criteria import DistanceArticulatedRigid
 
 from .test_estimation import look_at, truth
 from .test_rigid import cloud_of, floor, lifted_by, nothing_articulated, on_table
@@ -171,14 +170,6 @@ def test_the_keypoints_of_an_open_drawer_count_after_it_was_closed() -> None:
     sure = replace(unsure, keypoint_deviations=dict.fromkeys(off, 0.002))
     new = Track(first, looks[0].cloud.xyz, NONE).after(sure, looks[1].cloud.xyz, NONE, -1)
     assert np.array_equal(new.found.keypoints[INSIDE], off[INSIDE])
-
-
-def test_the_hand_pushes_a_drawer_further_than_the_estimated_end_only_to_close_it() -> None:
-    drawer = tracked().articulated["drawer"]
-    lower = drawer.scene_object().joint.lower
-    assert drawer.scene_object((ArticulatedOpen(object="drawer"),)).joint.lower == lower
-    assert drawer.scene_object((ArticulatedClosed(object="other"),)).joint.lower == lower
-    assert drawer.scene_object((ArticulatedClosed(object="drawer"),)).joint.lower == pytest.approx(lower - PUSH_ON)
 
 
 def test_a_motion_that_should_not_move_the_drawer_moves_it_only_if_the_points_show_it() -> None:

@@ -10,13 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gensim2.perception.estimation import SceneEstimator
-from gensim2.perception.estimation.estimator import SceneEstimate
+from gensim2.perception.estimation.estimator import MEASURED_OPENNESS, SceneEstimate
 from gensim2.perception.estimation.goal import GoalTracker
 from gensim2.perception.estimation.tracking import (
     LEAST_RANGE,
     LEAST_SHIFT,
     SHORT,
-    SURE,
     UNCERTAIN,
     UNKNOWN,
     Track,
@@ -289,7 +288,7 @@ def test_keypoints_stay_if_a_cloud_shows_no_more_of_an_object(asset_class: str, 
 def test_a_bail_that_is_not_measured_any_more_lies_on_the_rim_if_its_middle_has_moved() -> None:
     looks, none = [look_at("bucket_swing", openness) for openness in (0.3, 0.0)], np.zeros(0, dtype=np.int64)
     raised, lowered = (replace(truth(look, "bucket_swing"), is_bail=True) for look in looks)
-    first = Track(raised.at(0.3, SURE), looks[0].cloud.xyz, none)
+    first = Track(raised.at(0.3, MEASURED_OPENNESS), looks[0].cloud.xyz, none)
     unsure = replace(lowered, keypoints=raised.keypoints).at(0.4, UNKNOWN + 0.01)
     second = first.after(unsure, looks[1].cloud.xyz, none, -1)
     assert second.found.joint.openness == 0.0
@@ -305,12 +304,12 @@ def test_two_measured_bails_need_no_comparison_of_clouds() -> None:
     looks, none = [look_at("bucket_swing", openness) for openness in (0.3, 0.7)], np.zeros(0, dtype=np.int64)
     first, second = (replace(truth(look, "bucket_swing"), is_bail=True) for look in looks)
     span = first.joint.upper - first.joint.lower
-    track = Track(first.at(0.3, SURE), looks[0].cloud.xyz, none)
+    track = Track(first.at(0.3, MEASURED_OPENNESS), looks[0].cloud.xyz, none)
     # The cloud of the second look is the first one, so a comparison would show no displacement.
-    found = track.displacement(second.at(0.7, SURE), looks[0].cloud.xyz, 1)
+    found = track.displacement(second.at(0.7, MEASURED_OPENNESS), looks[0].cloud.xyz, 1)
     assert found is not None
     assert found.value == pytest.approx(0.4 * span)
-    found = track.displacement(first.at(0.7, SURE + 0.01), looks[0].cloud.xyz, 1)
+    found = track.displacement(first.at(0.7, MEASURED_OPENNESS + 0.01), looks[0].cloud.xyz, 1)
     assert found is None or found.value == 0.0
 
 

@@ -36,8 +36,6 @@ LOWEST = 0.05
 """Quantile of the heights of a moving part's points that counts as the height of its floor."""
 SHUT = 0.2
 """Estimated openness of a part below which the cameras cannot see its contents."""
-PUSH_ON = 0.04
-"""Additional displacement (m) with which the hand closes a drawer, because its estimated range may be too short."""
 LEAST_SEEN = 0.25
 """Minimum number of object points, as a fraction of the number in the first cloud. With fewer points the object counts
 as hidden, and the estimate is discarded."""
@@ -288,18 +286,12 @@ class ArticulatedTracker:
         assert self.track is not None
         return {name: self._in_world(at) for name, at in self.track.found.keypoints.items()}
 
-    def scene_object(self, done: Sequence[Criterion] = ()) -> SceneObject:
-        """Return the latest estimate as an object of the planner's scene, whose boxes are in cells of a side (m).
-
-        Args:
-            done: success criteria of the step that is planned.
-        """
+    def scene_object(self) -> SceneObject:
+        """Return the latest estimate as an object of the planner's scene."""
         assert self.track is not None
         profile, cloud = self._estimator.profile, self.track.cloud
         floor = None if self.floor is None or not self.has_floor else self.floor - float(profile.T_world_base[2, 3])
-        closes = any(isinstance(each, ArticulatedClosed) and self.name in each.objects for each in done)
-        further = PUSH_ON if closes and self.has_floor else 0.0
-        return scene_object(self.name, at_push_height(self.track.to_plan, cloud, profile), cloud, floor, further)
+        return scene_object(self.name, at_push_height(self.track.to_plan, cloud, profile), cloud, floor)
 
     def _is_in_moving_part(self, thing: RigidEstimate) -> bool:
         """Return whether the centre of a rigid object lies in the bounding box of the moving part. Only a part with a

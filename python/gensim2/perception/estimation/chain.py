@@ -415,4 +415,4 @@ class PerceivingChain:
 
     def _with_belief(self, observation: Observation) -> PrivilegedObservation:
         goal, q = self._goal, observation.joint_positions.astype(np.float64)
-        return PrivilegedObservation.of(observation, goal.measurement(q), lambda: goal.scene(q, self._chain.step.done))
+        return PrivilegedObservation.of(observation, goal.measurement(q), lambda: goal.scene(q))

@@ -321,12 +321,11 @@ class GoalTracker:
         """Return whether the object with the given name in the task moves along the table as a whole."""
         return name in self.articulated and self.articulated[name].slides_on_table
 
-    def scene(self, q: Array, done: Sequence[Criterion] = ()) -> Scene:
+    def scene(self, q: Array) -> Scene:
         """Return the latest estimate as a scene of the planner, with the objects in the order of the task.
 
         Args:
             q: (n,) joint values of the robot.
-            done: success criteria of the step that is planned.
         """
         assert self.is_seen, "the first cloud does not show the objects"
         profile = self.estimator.profile
@@ -339,7 +338,7 @@ class GoalTracker:
                 continue
             each = self.articulated[name]
             assert each.track is not None
-            objects[name] = each.scene_object(done)
+            objects[name] = each.scene_object()
             obstacles.append(each.track.cloud[each.track.others])
         return planning_scene(objects, np.concatenate(obstacles), q, profile)
 

@@ -64,9 +64,7 @@ def planning_scene(objects: Mapping[str, SceneObject], obstacles: Points, q: Arr
     )
 
 
-def scene_object(
-    name: str, found: ObjectEstimate, cloud: Points, floor: float | None = None, further: float = 0.0
-) -> SceneObject:
+def scene_object(name: str, found: ObjectEstimate, cloud: Points, floor: float | None = None) -> SceneObject:
     """Return an estimate as an object of the planner's scene.
 
     Args:
@@ -75,7 +73,6 @@ def scene_object(
         cloud: (N, 3) point cloud from which the object was estimated, base frame, m.
         floor: height of the floor of the moving part in the base frame, m. Cameras above an open drawer may not see its
             floor, and the planner would move the hand through it. None: the part has no floor.
-        further: additional displacement (rad or m) of the joint beyond its lower limit that a plan may try.
     """
     bodies = []
     upright = np.asarray(Rotation.from_euler("z", found.yaw).as_matrix())
@@ -101,7 +98,7 @@ def scene_object(
             origin=joint.origin,
             axis=joint.axis,
             value=joint.value,
-            lower=joint.lower - beyond - further,
+            lower=joint.lower - beyond,
             upper=joint.upper + beyond,
             moves=tuple(body.name for body in bodies if body.name.endswith("/moving")),
         ),

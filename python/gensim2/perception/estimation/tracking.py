@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from gensim2.core.arrays import Array
 from gensim2.objects.types import joint_motion
 from gensim2.perception.cloud import uniform_stride
-from gensim2.perception.estimation.estimator import JointEstimate, ObjectEstimate, Points
+from gensim2.perception.estimation.estimator import MEASURED_OPENNESS, JointEstimate, ObjectEstimate, Points
 
 Rows = npt.NDArray[np.int64]
 
@@ -65,8 +65,6 @@ AGREEING, AGREEING_SHARE = 0.25, 0.5
 measured displacement: a constant, or a fraction of the displacement if this is larger.
 """
 
-SURE = 0.05
-"""Maximum standard deviation of the openness of a bail that is measured."""
 UNKNOWN = 0.3
 """Standard deviation of the openness above which a cloud does not show the openness, for example of an object that is
 pushed along the table."""
@@ -271,7 +269,7 @@ class Track:
         :func:`displacement` does. If a bail is measured in both clouds, the displacement follows from its openness.
         """
         before = self.latest or self.found
-        if before.is_bail and max(before.joint.openness_deviation, found.joint.openness_deviation) <= SURE:
+        if before.is_bail and max(before.joint.openness_deviation, found.joint.openness_deviation) <= MEASURED_OPENNESS:
             change = (found.joint.openness - before.joint.openness) * (before.joint.upper - before.joint.lower)
             return Displacement(change, np.zeros((0, 3)))
         return displacement(before, self.cloud, found, cloud, goal=goal, is_expected=is_expected)
@@ -384,7 +382,7 @@ class Track:
             goal: 1 if the motion should open the joint, -1 if it should close the joint.
             is_pressed: whether the object has blocked the arm in the motion; None: unknown.
             is_whole: whether the object moves as a whole, as a lifted bucket does.
-            is_led: whether the displacement leads to the end.
+            is_led: whether the openness before the motion plus the displacement is at the end.
         """
         kind, deviation = shown.type, shown.openness_deviation
         has_moved, stands_still = goal * self.moved >= MOVED[kind], abs(change) < STALLED[kind]
@@ -434,7 +432,8 @@ class Track:
         def distance(value: float) -> float:
             return _apart(_moved(moving, joint, value), tree)
 
-        if before.is_bail and before.joint.openness_deviation <= SURE and found.joint.openness_deviation > UNKNOWN:
+        was_measured = before.is_bail and before.joint.openness_deviation <= MEASURED_OPENNESS
+        if was_measured and found.joint.openness_deviation > UNKNOWN:
             # A bail that cannot be measured any more lies on the rim, if its middle has moved.
             middle = before.keypoints[before.moving_keypoints[0]]
             return Displacement(end * span, moving[:0]) if tree.query(middle)[0] > FAR else None
