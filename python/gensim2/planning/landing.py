@@ -83,9 +83,9 @@ def fall(scene: Scene, name: str) -> float:
 
 def _support(goal: SceneObject) -> Sequence[SceneBody]:
     """Return the bodies on or inside which a released object lies: of a container, the part with its interior."""
-    last = list(goal.keypoints)[-1]
     if goal.joint is None:
         return goal.bodies
+    last = list(goal.keypoints)[-1]
     if INSIDE not in last:
         return ()  # The released object stands beside it, as a mug below a faucet.
     # A keypoint with "base" in its name belongs to the fixed part, which the joint does not move.

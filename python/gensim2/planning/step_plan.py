@@ -38,7 +38,8 @@ class StepPlan:
         T_object_hand: (4, 4) pose of the hand in the grasped object's frame, or None.
         touches: reason why planning without early contact failed; None without early contact.
         misses: reason why the released object would not end at its goal; None if it would.
-        is_tight: whether the grasped object has less than ``CLEAR`` of clearance on the way to its release.
+        is_tight: whether a plan that releases an object keeps less than ``CLEAR`` of clearance. Pairs of bodies that
+            are closer at the start or at the end of the motion do not count.
         whole: failed plan of the complete motion if ``plan`` is a shortened motion, else None.
         foreseen: plan of a later step with the grasped object as its tool, from the scene ``after``; or None.
     """
