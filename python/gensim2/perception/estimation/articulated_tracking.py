@@ -224,10 +224,13 @@ class ArticulatedTracker:
     @property
     def slides_on_table(self) -> bool:
         """Whether the object moves along the table as a whole."""
-        found = None if self.track is None else self.track.found
-        if found is None or found.joint.type != "prismatic" or abs(found.joint.axis[2]) > LEVEL:
-            return False
-        return bool(found.moving.all())
+        return self._slides_level and self.track is not None and bool(self.track.found.moving.all())
+
+    @property
+    def _slides_level(self) -> bool:
+        """Whether the joint slides horizontally."""
+        joint = None if self.track is None else self.track.found.joint
+        return joint is not None and joint.type == "prismatic" and abs(joint.axis[2]) <= LEVEL
 
     @property
     def has_floor(self) -> bool:
@@ -235,7 +238,7 @@ class ArticulatedTracker:
         measured keypoint, which is the last of several keypoints.
         """
         track = self.track
-        if track is None or track.found.joint.type != "prismatic" or abs(track.found.joint.axis[2]) > LEVEL:
+        if track is None or not self._slides_level:
             return False
         names = list(track.found.keypoints)
         return len(names) > 1 and names[-1] in track.found.moving_keypoints
